@@ -1,5 +1,6 @@
-//! The architecture as a test: who may import whom (`architecture/table.rs`), what a solver may not touch, how long a
-//! file may be. A failure names the file, the line, the rule and its reason.
+//! The architecture as a test: imports between crates and rooms (`architecture/table.rs`),
+//! dependencies refused to solvers, and the length of files. A failure names the file, the line,
+//! the rule and its reason.
 
 #[path = "architecture/scan.rs"]
 mod scan;
@@ -18,7 +19,8 @@ fn root() -> PathBuf {
         .to_owned()
 }
 
-/// Every file below `folder`, without version control, build folders (they carry a CACHEDIR.TAG) and runs of a cohort.
+/// Every file below `folder`, except for version control, build folders (which have a CACHEDIR.TAG)
+/// and runs of a cohort.
 fn files(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_owned()];
@@ -49,7 +51,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// What a clone would hold, where git can tell; else all that lies here.
+/// Files of a clone according to git; without git, all files of the working tree.
 fn committed_files() -> Vec<PathBuf> {
     let listing = std::process::Command::new("git")
         .args([
@@ -97,7 +99,7 @@ fn none(problems: Vec<String>, what: &str) {
     assert!(problems.is_empty(), "{what}:\n  {}", problems.join("\n  "));
 }
 
-/// `cardiotwin-units` is `units`, `cardiotwin` is `coordinator`.
+/// Name of a crate in the tables: `cardiotwin-units` is `units`, `cardiotwin` is `coordinator`.
 fn short(crate_name: &str) -> Option<&str> {
     if crate_name == "cardiotwin" {
         Some("coordinator")
@@ -163,7 +165,7 @@ fn crates_import_only_what_the_table_allows() {
     );
 }
 
-/// `coordinator/src/store/events.rs` is the module `store::events`.
+/// Module of a file: `coordinator/src/store/events.rs` is `store::events`.
 fn module_of(file: &str) -> Vec<String> {
     let path = file
         .trim_start_matches("coordinator/src/")
@@ -203,7 +205,7 @@ fn rooms_of_the_coordinator_import_only_what_the_table_allows() {
             let target = if let Some(absolute) = scan::absolute(&path, &module) {
                 absolute.first().cloned()
             } else if path.names[0] == "cardiotwin" && path.names.len() > 1 {
-                path.names.get(1).cloned() // the library, from its own binary
+                path.names.get(1).cloned() // the library, named from its own binary
             } else {
                 path.names[0]
                     .strip_prefix("cardiotwin_")
@@ -240,7 +242,7 @@ fn places_do_not_use_the_foreign_names_refused_there() {
     let mut problems = Vec::new();
     for refusal in table::REFUSALS {
         for (file, text) in rust_files(refusal.folder) {
-            // Tests, benchmarks and examples of a crate may time and read what they like.
+            // Tests, benchmarks and examples of a crate may measure time and read anything.
             if !file.contains("/src/") {
                 continue;
             }
@@ -323,10 +325,11 @@ fn files_keep_to_one_subject() {
     none(problems, "files that have outgrown one subject");
 }
 
-/// A clone must make sense anywhere: no absolute path of one developer's machine, no folder beside the repository.
+/// A clone must make sense anywhere: no absolute path of a single machine, and no folder beside the
+/// repository.
 #[test]
 fn nothing_points_outside_the_repository() {
-    // In pieces, so that this file does not name what it looks for.
+    // The words are split so that this file does not contain what it searches for.
     let refused = [
         concat!("/wo", "rk/"),
         concat!("../sha", "red/"),
@@ -341,11 +344,12 @@ fn nothing_points_outside_the_repository() {
         }
         let Ok(text) = std::fs::read_to_string(&file) else {
             continue;
-        }; // a picture, or deleted
+        }; // a picture, or a deleted file
         for (index, line) in text.lines().enumerate() {
             for word in refused {
                 let hit = line.match_indices(word).any(|(at, _)| {
-                    // In the middle of a longer path it is a folder of somebody's; at the start it is a place on one machine.
+                    // In the middle of a longer path the word is an ordinary folder; at the start
+                    // it is a place on one machine.
                     !line[..at].ends_with(|c: char| {
                         c.is_alphanumeric() || matches!(c, '_' | '}' | '$' | '.' | '~')
                     })
@@ -376,7 +380,7 @@ fn the_document_shows_the_table_that_is_tested() {
     }
 }
 
-/// The reader itself: a rule is worth what the reader sees.
+/// Tests the reader of sources, on which every rule depends.
 #[test]
 fn the_reader_sees_through_groups_comments_literals_and_modules() {
     let source = r##"

@@ -1,5 +1,5 @@
-//! What the documents say exists: links lead to files and headings; commands, flags, settings, defaults, error messages and
-//! files of the repository are the program's.
+//! Claims of the documents: links lead to files and headings, and commands, flags, settings,
+//! defaults, error messages and files are those of the program and the repository.
 
 #[path = "documents/pages.rs"]
 mod pages;
@@ -21,7 +21,7 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|e| panic!("cannot read {}: {e}", path.display()))
 }
 
-/// Pages in Markdown of a folder and of those below it.
+/// Markdown pages of a folder and its subfolders.
 fn pages_below(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("a folder of the repository") {
         let path = entry.expect("an entry").path();
@@ -33,7 +33,7 @@ fn pages_below(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// README and its like, everything under docs/, and the pages of the examples.
+/// Pages at the root such as README, everything under docs/, and the pages of the examples.
 fn documents() -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(root()).expect("the repository's folder") {
@@ -53,7 +53,7 @@ fn documents() -> Vec<PathBuf> {
     found
 }
 
-/// A page's file name.
+/// File name of a page.
 fn name_of(page: &Path) -> &str {
     page.file_name()
         .and_then(std::ffi::OsStr::to_str)
@@ -74,7 +74,7 @@ fn lines(text: &str, fenced: bool) -> Vec<(usize, &str)> {
     found
 }
 
-/// Anchors as GitHub makes them from headings, and explicit ones.
+/// Anchors that GitHub makes from headings, and explicit ones.
 fn anchors(text: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (_, line) in lines(text, false) {
@@ -159,7 +159,7 @@ fn make_targets_exist() {
     );
 }
 
-/// Help of one of our programs, built beside this test.
+/// Help of one of the project's programs, built beside this test.
 fn help(program: &str, arguments: &[&str]) -> Option<String> {
     let this = std::env::current_exe().expect("this test has a path");
     let file = this
@@ -183,10 +183,11 @@ fn help(program: &str, arguments: &[&str]) -> Option<String> {
         .then(|| String::from_utf8(output.stdout).expect("help is UTF-8"))
 }
 
-/// Each `cardiotwin COMMAND … --flag` of the documents is known to the program that is built from this tree.
+/// The program built from this tree has each `cardiotwin COMMAND … --flag` of the documents.
 #[test]
 fn commands_and_their_flags_exist() {
-    // In code, fenced or inline, where a placeholder like DIR or … ends what can be checked.
+    // Commands in code, fenced or inline; a placeholder such as DIR or … ends the part that can be
+    // checked.
     let call = regex::Regex::new(
         r"(?m)(?:^|[`/ ])(cardiotwin(?:-worker)?) ([a-z][a-z-]+)((?: [^`\n#]*)?)",
     )
@@ -217,7 +218,7 @@ fn commands_and_their_flags_exist() {
                     .entry(format!("{program} {command}"))
                     .or_insert_with(|| help(program, &words))
                     .clone();
-                // `config show`: a command of commands.
+                // A command with subcommands, such as `config show`.
                 if let (Some(text), Some(second)) = (&known, rest.split_whitespace().next())
                     && text.contains("Commands:")
                 {
@@ -253,7 +254,7 @@ fn commands_and_their_flags_exist() {
     );
 }
 
-/// Help of a program, of its commands and of theirs.
+/// Help of a program, its commands and their subcommands.
 fn helps_below(program: &str, words: &mut Vec<String>, found: &mut Vec<String>) {
     let arguments: Vec<&str> = words.iter().map(String::as_str).collect();
     let text = help(program, &arguments).expect("a listed command has a help");
@@ -275,7 +276,7 @@ fn helps_below(program: &str, words: &mut Vec<String>, found: &mut Vec<String>) 
     }
 }
 
-/// Whether a text names a flag, and not only a longer one.
+/// Whether a text contains a flag other than as the beginning of a longer one.
 fn has_flag(text: &str, flag: &str) -> bool {
     text.match_indices(flag).any(|(at, _)| {
         text[at + flag.len()..]
@@ -285,10 +286,12 @@ fn has_flag(text: &str, flag: &str) -> bool {
     })
 }
 
-/// Each flag in inline code is one of our programs', or of a program that is named here.
+/// Each flag in inline code belongs to one of the project's programs, or to a foreign program that
+/// is listed here.
 #[test]
 fn flags_in_prose_exist() {
-    // Calls of these are theirs alone; besides, flags of MPI, Slurm and openCARP that pages explain.
+    // Calls of these programs have flags of their own. The list below has flags of MPI, Slurm and
+    // openCARP that pages explain.
     const PROGRAMS: [&str; 3] = ["cargo ", "squeue ", "sbatch "];
     const FOREIGN: [&str; 7] = [
         "--mca",
@@ -303,7 +306,8 @@ fn flags_in_prose_exist() {
     for program in ["cardiotwin", "cardiotwin-worker"] {
         helps_below(program, &mut Vec::new(), &mut helps);
     }
-    // Programs that are not built here: the worker on MPI ranks, scripts, examples of the solver.
+    // Programs that this build does not make: the worker on MPI ranks, scripts, examples of the
+    // solver.
     let mut sources = Vec::new();
     for folder in [
         "worker/src/mpi",
@@ -350,7 +354,7 @@ fn flags_in_prose_exist() {
     assert!(n_flags > 100, "only {n_flags} flags were found");
 }
 
-/// Texts of all files of a folder and of those below it.
+/// Texts of all files of a folder and its subfolders.
 fn texts(folder: &Path, found: &mut Vec<String>) {
     for entry in std::fs::read_dir(folder)
         .expect("a folder of the repository")
@@ -365,7 +369,7 @@ fn texts(folder: &Path, found: &mut Vec<String>) {
     }
 }
 
-/// Each of our environment variables is read by some source.
+/// Each of the project's environment variables in the documents is read by some source.
 #[test]
 fn environment_variables_exist() {
     let mut files = Vec::new();
@@ -389,7 +393,7 @@ fn environment_variables_exist() {
     assert!(n_variables > 3, "the pages name variables");
 }
 
-/// Rust files of a folder.
+/// Rust files of a folder and its subfolders.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder)
         .expect("a folder of the repository")
@@ -404,7 +408,8 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// Every message of an error type of the programs stands on the page of error messages, with what happened and what to do.
+/// The page of error messages lists every message of the programs' error types, with the cause and
+/// the remedy.
 #[test]
 fn error_messages_have_their_remedies() {
     let page = read(&root().join("docs/errors.md"));

@@ -24,7 +24,8 @@ import sys
 
 EXAMPLES = pathlib.Path(__file__).resolve().parent.parent / "examples"
 SEVEN = EXAMPLES / "coa-seven"
-# Physiological effects with their typical strength (docs/effects/README.md); artefacts are refused in a model.
+# Physiological effects with their typical strength (docs/effects/README.md); artefacts are refused
+# in a model.
 EFFECTS = {
     "aortic_regurgitation": ("orifice_cm2", 0.05),
     "aortic_stenosis": ("loss_mmHg_s2_per_mL2", 2e-5),
@@ -39,7 +40,7 @@ EFFECTS = {
     "viscoelasticity": ("viscosity_mmHg_s_per_mL", 0.003),
     "wave_reflection": ("inertance_mmHg_s2_per_mL", 0.003),
 }
-# Keys of JSON and columns of CSV that say when, where, how long and by which build.
+# Keys of JSON and columns of CSV with times, places, durations and builds.
 VOLATILE = {
     "commit", "created", "cpu_s", "directory", "elapsed_s", "ended", "ended_at", "finished_at", "folder", "host", "made",
     "path", "pid", "profile", "program", "provenance", "run", "run_dir", "seconds", "started", "started_at", "time",
@@ -96,7 +97,8 @@ def run(programs, out, name, arguments):
     called = [programs / "cardiotwin", *arguments]
     with open(out / f"{name}.stdout.json", "wb") as answer:
         ended = subprocess.run([str(a) for a in called], stdout=answer, stderr=subprocess.PIPE, check=False)
-    # 1 says that a patient failed or that a question has the answer no: the files are compared all the same.
+    # Exit code 1 means that a patient failed or that a check has a negative result; the files are
+    # compared all the same.
     if ended.returncode not in (0, 1):
         sys.stderr.write(ended.stderr.decode(errors="replace"))
         print(f"same-results: `{' '.join(map(str, called))}` ended with {ended.returncode}", file=sys.stderr)
@@ -129,7 +131,7 @@ def numbers(file):
     try:
         yield from leaves(json.loads(text), "")
     except json.JSONDecodeError:
-        # A table for people, with durations and paths; its numbers stand in the files, too.
+        # A table for people, with durations and paths; its numbers are also in the files.
         return
 
 
@@ -185,7 +187,7 @@ def main():
         out = (given.out / side).resolve()
         made = out / "made-by"
         build = str(os.stat(programs / "cardiotwin").st_mtime_ns)
-        # What this build has computed already is kept: the old build runs once for many new ones.
+        # Results of the same build are kept: the old build runs once for many new ones.
         if made.exists() and made.read_text() != build:
             shutil.rmtree(out)
         out.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,5 @@
-//! Reads Rust source just well enough to see which paths it names: comments and literals are dropped, `use` groups
-//! are spread out, inline modules are followed.
+//! A reader of Rust source that understands just enough to find the paths it names: comments and
+//! literals are dropped, `use` groups are expanded, and inline modules are followed.
 
 /// A piece of source that is neither comment, literal nor white space.
 #[derive(Debug, Clone, PartialEq)]
@@ -15,15 +15,15 @@ pub enum Token {
 /// A path that the source names.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
-    /// Line, from 1.
+    /// Line number, from 1.
     pub line: usize,
     /// Names from left to right.
     pub names: Vec<String>,
-    /// Inline modules around it.
+    /// Inline modules that contain it.
     pub modules: Vec<String>,
-    /// Whether it stands under `#[cfg(test)]`.
+    /// Whether it is under `#[cfg(test)]`.
     pub in_tests: bool,
-    /// Whether `!` follows: a macro is called.
+    /// Whether `!` follows, as in a call of a macro.
     pub is_macro: bool,
 }
 
@@ -31,7 +31,7 @@ fn is_name(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Tokens with their lines.
+/// Tokens with their line numbers.
 pub fn tokens(text: &str) -> Vec<(usize, Token)> {
     let source: Vec<char> = text.chars().collect();
     let at = |i: usize| source.get(i).copied().unwrap_or('\0');
@@ -58,7 +58,7 @@ pub fn tokens(text: &str) -> Vec<(usize, Token)> {
                 }
             }
             '"' => i = after_string(&source, i),
-            // A character literal, or else a lifetime: `'a'`, `'\n'`, against `'a`.
+            // A character literal (`'a'`, `'\n'`), or else a lifetime (`'a`).
             '\'' if at(i + 1) == '\\' => {
                 i += 3;
                 while i < source.len() && at(i) != '\'' {
@@ -130,7 +130,7 @@ pub fn paths(text: &str) -> Vec<Path> {
         at: 0,
         found: Vec::new(),
     };
-    // Braces that are open; those of an inline module carry its name and whether it is for tests.
+    // Open braces. Those of an inline module have its name and whether it is for tests.
     let mut braces: Vec<Option<(String, bool)>> = Vec::new();
     let mut test_next = false;
     while let Some((line, token)) = reader.peek(0) {
@@ -199,7 +199,7 @@ impl Reader<'_> {
         matches!(self.peek(ahead), Some((_, Token::Sign(c))) if *c == sign)
     }
 
-    /// At `#[cfg(test)]` or `#[cfg(all(test, …))]`.
+    /// Whether the reader is at `#[cfg(test)]` or `#[cfg(all(test, …))]`.
     fn is_cfg_test(&self) -> bool {
         let name = |ahead: usize| match self.peek(ahead) {
             Some((_, Token::Name(name))) => name.as_str(),
@@ -208,7 +208,7 @@ impl Reader<'_> {
         name(2) == "cfg" && (name(4) == "test" || (name(4) == "all" && name(6) == "test"))
     }
 
-    /// Reads `a::b::{c, d::e}` from a name on; `before` are the names to the left.
+    /// Reads `a::b::{c, d::e}` from a name on; `before` holds the names to the left.
     fn path(&mut self, before: Vec<String>) {
         let mut names = before;
         loop {
@@ -247,8 +247,8 @@ impl Reader<'_> {
     }
 }
 
-/// The path from the crate's root that `path` means, when it stands in the file module `file_module`; none where it
-/// is not relative to our crate.
+/// The path from the crate's root that `path` means in the file module `file_module`; `None` if it
+/// is not relative to the crate.
 pub fn absolute(path: &Path, file_module: &[String]) -> Option<Vec<String>> {
     let first = path.names.first()?.as_str();
     let n_supers = path

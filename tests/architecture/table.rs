@@ -1,16 +1,17 @@
-//! The rules, as data, each with its reason. `docs/architecture.md` shows the same two tables: [`markdown`] makes them.
+//! The import rules as data, each with its reason. `docs/architecture.md` shows the same two
+//! tables, which [`markdown`] writes.
 
-/// Who may import whom.
+/// An import rule.
 pub struct Rule {
     /// A crate without its prefix `cardiotwin-`, or a room of the coordinator.
     pub who: &'static str,
-    /// Whom it may import, of ours.
+    /// Crates or rooms of the project that it may import.
     pub may: &'static [&'static str],
-    /// So that.
+    /// Purpose of the rule, as the last column of the table.
     pub why: &'static str,
 }
 
-/// Crates of the workspace. A crate that is not here fails the test: give it a row and a reason first.
+/// Rules for the workspace's crates. A crate without a row fails the test.
 pub const CRATES: &[Rule] = &[
     Rule {
         who: "units",
@@ -142,7 +143,8 @@ pub const CRATES: &[Rule] = &[
     },
 ];
 
-/// Rooms of the coordinator: the modules of `coordinator/src/lib.rs`, and the crates of ours that each may reach for.
+/// Rules for rooms of the coordinator, the modules of `coordinator/src/lib.rs`: other rooms and
+/// crates of the project that each may import.
 pub const ROOMS: &[Rule] = &[
     Rule {
         who: "clock",
@@ -238,17 +240,17 @@ pub const ROOMS: &[Rule] = &[
     },
 ];
 
-/// Foreign names that some place of ours may not use.
+/// Foreign paths that a folder may not use.
 pub struct Refusal {
-    /// Folder from the repository's root.
+    /// Folder, from the repository's root.
     pub folder: &'static str,
     /// Paths refused there.
     pub paths: &'static [&'static str],
-    /// So that.
+    /// Purpose of the rule.
     pub why: &'static str,
 }
 
-/// Source rules. Code under `#[cfg(test)]` is free of them.
+/// Rules for source text. Code under `#[cfg(test)]` is exempt.
 pub const REFUSALS: &[Refusal] = &[
     Refusal {
         folder: "solver",
@@ -329,7 +331,7 @@ pub const REFUSALS: &[Refusal] = &[
     },
 ];
 
-/// Crates that no crate under `solver/` may depend on.
+/// Crates on which no crate under `solver/` may depend.
 pub const NOT_FOR_SOLVERS: &[&str] = &[
     "tokio",
     "sqlx",
@@ -346,10 +348,11 @@ pub const NOT_FOR_SOLVERS: &[&str] = &[
 /// Macros that no crate under `solver/` may call outside its tests.
 pub const SOLVER_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "dbg"];
 
-/// Longest source file, in lines: past about 400 it wants a name for its second half, past this the test fails.
+/// Largest number of lines of a source file. A file of more than about 400 should be split; above
+/// this number the test fails.
 pub const LONGEST_FILE: usize = 840;
 
-/// Both tables as docs/architecture.md shows them.
+/// Both tables as in docs/architecture.md.
 pub fn markdown() -> String {
     let mut text = String::new();
     for (title, rules) in [("crate", CRATES), ("room of the coordinator", ROOMS)] {

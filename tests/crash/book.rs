@@ -1,4 +1,4 @@
-//! What the database says after a run, and what must hold of it.
+//! Content of the database after a run, and the properties that it must have.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use cardiotwin_workflow::task::Task;
 
 use crate::scene::Scene;
 
-/// A run's status, its attempts and its whole log.
+/// Status, attempts and complete log of a run.
 pub struct Book {
     status: Status,
     events: Vec<EventRecord>,
@@ -63,7 +63,8 @@ impl Book {
         by_task
     }
 
-    /// Every patient is done, every task was published exactly once and never begun again afterwards.
+    /// Asserts that every patient is done, and that every task was published exactly once and never
+    /// begun again afterwards.
     pub fn assert_sound(&self) {
         for patient in &self.status.patients {
             assert_eq!(
@@ -106,7 +107,7 @@ impl Book {
         self.assert_replayed();
     }
 
-    /// The log, fed to the machines again, gives the states that the tables hold.
+    /// Asserts that the log, fed to the machines again, gives the states in the tables.
     fn assert_replayed(&self) {
         let mut patients: BTreeMap<String, Patient> = BTreeMap::new();
         let mut tasks: BTreeMap<String, Task> = BTreeMap::new();
@@ -161,7 +162,8 @@ impl Book {
         assert_eq!(attempts, stored);
     }
 
-    /// What does not depend on where the coordinator died: patients, their states, the published tasks.
+    /// The part of the result that does not depend on where the coordinator died: patients, their
+    /// states, the published tasks.
     pub fn end_state(&self) -> (Vec<(String, String, String)>, Vec<String>) {
         let patients = self.status.patients.iter();
         let patients = patients
@@ -174,7 +176,7 @@ impl Book {
         (patients, published.map(|(task, _)| task).collect())
     }
 
-    /// The generation that published, of each task, sorted.
+    /// Generation that published, for each task, sorted.
     pub fn generations(&self) -> Vec<u64> {
         let published = self
             .events

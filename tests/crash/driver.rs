@@ -1,6 +1,8 @@
-//! A coordinator of its own process for the crash tests: drives patients of three no-op tasks.
+//! A coordinator in a process of its own for the crash tests. It drives patients of three no-op
+//! tasks.
 //!
-//! `crash-driver RUN_DIR PATIENTS SLEEP_MS WORKERS (in-process | WORKER)`; prints the summary as JSON.
+//! `crash-driver RUN_DIR PATIENTS SLEEP_MS WORKERS (in-process | WORKER)` prints the summary as
+//! JSON.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -1,5 +1,5 @@
-//! Kills coordinators and workers at every place that matters, and looks whether a second run ends like an
-//! uninterrupted one: nothing lost, nothing published twice, nothing finished started again.
+//! Kills coordinators and workers at every important place, and checks that a second run ends like
+//! an uninterrupted one: nothing lost, nothing published twice, no finished task started again.
 
 mod book;
 mod scene;
@@ -9,7 +9,7 @@ use rustix::process::Signal;
 use book::Book;
 use scene::{Scene, worker};
 
-/// Crash points of a small run: every one of them, until a run gets through.
+/// Lets a small run die at each of its crash points in turn, until a run reaches its end.
 fn die_at_every_point(executor: &str, patients: usize, sleep_ms: u64) {
     let peaceful = Scene::new(patients, sleep_ms, executor);
     peaceful.finish();
@@ -32,7 +32,8 @@ fn die_at_every_point(executor: &str, patients: usize, sleep_ms: u64) {
             first.last_words
         );
         if executor != "in-process" {
-            // No worker was killed here, so every task was worked on exactly once, whoever saw it end.
+            // No worker was killed, so every task was worked on exactly once, whichever coordinator
+            // saw it end.
             assert_eq!(
                 scene.claims(),
                 patients * 3,
@@ -149,7 +150,7 @@ fn a_worker_that_died_with_its_coordinator_is_tried_again_free_of_charge() {
     let scene = Scene::new(1, 0, &worker());
     scene.hold();
     let mut killed = Vec::new();
-    // More often than failures of the site are forgiven.
+    // More often than site failures are forgiven.
     for _ in 0..4 {
         let coordinator = scene.start();
         let claim = scene.wait_for_claim(&killed);
@@ -172,7 +173,7 @@ fn one_interrupt_finishes_what_is_short_and_two_stop_at_once() {
         let mut coordinator = scene.start();
         scene.wait_for_claim(&[]);
         coordinator.signal(Signal::INT);
-        // Signals that come too close upon each other are one.
+        // Signals in quick succession may be merged into one.
         coordinator.wait_for_words("draining: true");
         match interrupts {
             1 => scene.release(),
@@ -234,7 +235,8 @@ fn a_finished_run_has_nothing_to_do() {
     assert_eq!(scene.claims(), 6);
 }
 
-/// A file system of 600 kB: the coordinator ends with a clear error, and goes on once there is space.
+/// On a file system of 600 kB the coordinator ends with a clear error, and continues once there is
+/// space.
 #[test]
 fn a_full_disk_ends_the_run_and_loses_nothing() {
     let unshare = ["--user", "--map-root-user", "--mount"];

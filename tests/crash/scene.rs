@@ -1,4 +1,5 @@
-//! A run directory, coordinators that are started and killed in it, and the claims that its workers leave.
+//! A run directory, the coordinators that are started and killed in it, and the claims that its
+//! workers leave.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -11,18 +12,20 @@ use std::time::{Duration, Instant};
 use cardiotwin_schemas::progress::Claim;
 use rustix::process::{Pid, Signal};
 
-/// The coordinator's executable.
+/// Path of the coordinator's executable.
 pub const DRIVER: &str = env!("CARGO_BIN_EXE_crash-driver");
-/// Far longer than a slow machine takes: reached only where something is wrong.
+/// Time limit far beyond the needs of a slow machine, which only a fault exceeds.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// The worker's executable, of the present source: one that an earlier build left beside the driver may be any.
+/// Path of the worker's executable, built from the present source: one that an earlier build left
+/// beside the driver may be outdated.
 pub fn worker() -> String {
     static WORKER: OnceLock<String> = OnceLock::new();
     let build = || {
         let path = Path::new(DRIVER).with_file_name("cardiotwin-worker");
         let mut build = Command::new(env!("CARGO"));
-        // All binaries at once, as `make` does: the same features, so that nothing is compiled twice.
+        // All binaries are built at once, as by `make`, with the same features, so that nothing is
+        // compiled twice.
         build.args(["build", "--locked", "--workspace", "--bins"]);
         if Path::new(DRIVER)
             .parent()
@@ -39,7 +42,7 @@ pub fn worker() -> String {
     WORKER.get_or_init(build).clone()
 }
 
-/// A run directory with what is to be run in it.
+/// A run directory with the options of its runs.
 pub struct Scene {
     dir: tempfile::TempDir,
     patients: usize,
@@ -47,7 +50,7 @@ pub struct Scene {
     executor: String,
 }
 
-/// What a coordinator left.
+/// Exit status and output of a coordinator.
 #[derive(Debug)]
 pub struct Said {
     pub ok: bool,
@@ -55,7 +58,7 @@ pub struct Said {
     pub stderr: String,
 }
 
-/// What came of a coordinator that was to die.
+/// Result of a coordinator that was to die at a crash point.
 #[derive(Debug)]
 pub struct Crash {
     pub died: bool,
@@ -81,12 +84,12 @@ impl Scene {
         self.dir.path().join("hold")
     }
 
-    /// From now on no task ends by itself.
+    /// Prevents tasks from ending until [`Scene::release`].
     pub fn hold(&self) {
         fs::write(self.hold_file(), "").expect("a file can be made");
     }
 
-    /// Tasks end again.
+    /// Lets tasks end again.
     pub fn release(&self) {
         fs::remove_file(self.hold_file()).expect("tasks are held");
     }
@@ -108,7 +111,7 @@ impl Scene {
         command
     }
 
-    /// A coordinator that is left to run.
+    /// Starts a coordinator and lets it run.
     pub fn start(&self) -> Coordinator {
         let mut child = self.command().spawn().expect("the driver starts");
         let stderr = BufReader::new(child.stderr.take().expect("a pipe"));
@@ -126,12 +129,12 @@ impl Scene {
         }
     }
 
-    /// A coordinator that must get to the end.
+    /// Starts a coordinator, which must reach the end.
     pub fn finish(&self) -> Said {
         self.finish_with(self.start())
     }
 
-    /// This one must get to the end.
+    /// Waits for this coordinator, which must reach the end.
     pub fn finish_with(&self, coordinator: Coordinator) -> Said {
         let said = coordinator.end();
         let done = format!(r#"{{"done":{},"failed":0,"unfinished":0"#, self.patients);
@@ -144,7 +147,7 @@ impl Scene {
         said
     }
 
-    /// A coordinator that dies at its n-th crash point, if it gets that far.
+    /// Starts a coordinator that dies at its n-th crash point, if it reaches it.
     pub fn run_until_crash_point(&self, n: usize) -> Crash {
         let output = self
             .command()
@@ -181,12 +184,12 @@ impl Scene {
             .collect()
     }
 
-    /// How many attempts a worker ever claimed.
+    /// Number of attempts that workers have claimed so far.
     pub fn claims(&self) -> usize {
         self.attempt_files("started.json").len()
     }
 
-    /// The claim of a worker that lives, has no outcome yet and is none of these.
+    /// Claim of a live worker that has no outcome yet and is not in `but`.
     pub fn wait_for_claim(&self, but: &[u32]) -> Claim {
         let began = Instant::now();
         while began.elapsed() < PATIENCE {
@@ -207,7 +210,7 @@ impl Scene {
     }
 }
 
-/// A coordinator at work.
+/// A running coordinator.
 pub struct Coordinator {
     child: Child,
     /// Its stderr, line by line.
@@ -224,7 +227,7 @@ impl Coordinator {
         kill(self.child.id(), signal);
     }
 
-    /// Waits until it has said these words.
+    /// Waits until stderr contains these words.
     pub fn wait_for_words(&mut self, words: &str) {
         while !self.heard.contains(words) {
             let Ok(line) = self.lines.recv_timeout(PATIENCE) else {
@@ -235,16 +238,16 @@ impl Coordinator {
         }
     }
 
-    /// SIGKILL, and waits until it is gone.
+    /// Sends SIGKILL and waits for the end of the process.
     pub fn kill(mut self) {
         self.child.kill().expect("our own child can be killed");
         self.child.wait().expect("our own child can be waited for");
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the process.
     pub fn end(mut self) -> Said {
         let mut stdout = String::new();
-        // One line, at its end: the pipe cannot fill up.
+        // The process prints a single line at its end, so the pipe cannot fill up.
         let pipe = self.child.stdout.as_mut().expect("a pipe");
         pipe.read_to_string(&mut stdout)
             .expect("our own child says text");
@@ -270,7 +273,7 @@ pub fn kill(pid: u32, signal: Signal) {
     rustix::process::kill_process(pid, signal).expect("a process that we started can be signalled");
 }
 
-/// Whether a process runs; one that only waits to be reaped does not.
+/// Whether a process runs. A zombie does not count.
 pub fn lives(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit(')')

@@ -1,4 +1,4 @@
-//! The book's order: every page is in its table of contents, every measurement has a date.
+//! Order of the book: every page is in its table of contents, and every measurement has a date.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use regex::Regex;
 
 use super::{documents, lines, name_of, read, root};
 
-/// Files that a page's links lead to.
+/// Files to which a page's links lead.
 fn linked(file: &Path) -> BTreeSet<PathBuf> {
     let link = Regex::new(r"\]\(([^)#\s]+)").expect("a regular expression");
     let folder = file.parent().expect("a page lies in a folder");
@@ -76,7 +76,7 @@ fn every_measurement_has_a_date_and_a_page_that_leads_to_it() {
                 page.display()
             ));
         }
-        // A span of days begins with its first: the whole program's figures.
+        // A span of days counts with its first day, as for the figures of the whole program.
         if !dates.is_sorted_by(|newer, older| newer >= older) {
             problems.push(format!("{}: the newest entry is not first", page.display()));
         }
@@ -89,7 +89,7 @@ fn every_measurement_has_a_date_and_a_page_that_leads_to_it() {
     assert!(measurements.len() > 10, "the measurements were read");
 }
 
-/// Paths of this repository in code exist, `{a,b}` and all.
+/// Paths of this repository in inline code exist, including alternatives such as `{a,b}`.
 #[test]
 fn files_of_the_repository_exist() {
     let inline = Regex::new(r"`([^`]+)`").expect("a regular expression");
@@ -99,7 +99,7 @@ fn files_of_the_repository_exist() {
     let mut n_paths = 0;
     let mut problems = Vec::new();
     for file in documents() {
-        // Changelog, decisions and measurements tell of what was.
+        // Changelog, decisions and measurements describe the past.
         let history = ["docs/decisions", "docs/measurements"]
             .iter()
             .any(|folder| file.starts_with(root().join(folder)));
@@ -121,7 +121,8 @@ fn files_of_the_repository_exist() {
                 };
                 for path in all {
                     n_paths += 1;
-                    // The page of `make verify` names tests of the mechanics as their crate does.
+                    // The page of `make verify` names tests of the mechanics relative to their
+                    // crate.
                     let is_there = ["", "solver/mechanics"]
                         .iter()
                         .any(|folder| root().join(folder).join(&path).exists());

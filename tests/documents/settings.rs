@@ -1,4 +1,4 @@
-//! Settings that the documents name: keys that exist, defaults that are the program's, TOML that a file may hold.
+//! Settings in the documents: keys exist, defaults are the program's, and blocks of TOML are valid.
 
 use std::collections::BTreeSet;
 
@@ -8,13 +8,13 @@ use serde_json::{Map, Value};
 
 use super::{documents, lines, name_of, read, root};
 
-/// One of the JSON Schemas in schemas/json.
+/// Reads one of the JSON Schemas in schemas/json.
 fn schema(name: &str) -> Value {
     let file = root().join(format!("schemas/json/{name}.schema.json"));
     serde_json::from_str(&read(&file)).expect("a JSON Schema")
 }
 
-/// The schema that a property refers to, past `$ref`, `anyOf` with null, and the like.
+/// The schema to which a property refers, through `$ref`, `anyOf` with null, and the like.
 fn resolve<'a>(whole: &'a Value, part: &'a Value) -> &'a Value {
     if let Some(name) = part
         .get("$ref")
@@ -32,7 +32,7 @@ fn resolve<'a>(whole: &'a Value, part: &'a Value) -> &'a Value {
     }
 }
 
-/// Whether a schema knows a key: a path through its tables, and anything below a table of free names.
+/// Whether a schema has a key: a path through its tables, or any path below a table of free names.
 fn knows(whole: &Value, part: &Value, path: &[String]) -> bool {
     let part = resolve(whole, part);
     let Some((first, rest)) = path.split_first() else {
@@ -50,13 +50,13 @@ fn knows(whole: &Value, part: &Value, path: &[String]) -> bool {
     }
 }
 
-/// Whether the program has a setting of this name, or a table of settings.
+/// Whether the program has a setting or a table of settings of this name.
 fn is_setting(cohort: &Value, key: &str) -> bool {
     let path: Vec<String> = key.split('.').map(str::to_owned).collect();
     knows(cohort, cohort, &path)
 }
 
-/// All settings of a schema, tables of free names as one.
+/// All settings of a schema. A table of free names counts as one setting.
 fn leaves(whole: &Value, part: &Value, path: &str, found: &mut BTreeSet<String>) {
     let part = resolve(whole, part);
     match part.get("properties").and_then(Value::as_object) {
@@ -76,7 +76,8 @@ fn leaves(whole: &Value, part: &Value, path: &str, found: &mut BTreeSet<String>)
     }
 }
 
-/// Each dotted key in code, fenced or inline, that begins with a table of the cohort's settings.
+/// Each dotted key in code, fenced or inline, that begins with a table of the cohort's settings is
+/// a setting.
 #[test]
 fn settings_exist() {
     let cohort = schema("cohort");
@@ -88,7 +89,7 @@ fn settings_exist() {
     let mut n_keys = 0;
     let mut problems = Vec::new();
     for file in documents() {
-        // The changelog tells of settings that were.
+        // The changelog describes past settings.
         if name_of(&file) == "CHANGELOG.md" {
             continue;
         }
@@ -107,7 +108,7 @@ fn settings_exist() {
         for (number, line) in code {
             for found in key.captures_iter(&line) {
                 let key = &found[1];
-                // `step1.md` and `executor.rs` are files.
+                // Names such as `step1.md` and `executor.rs` are files.
                 if [".md", ".rs", ".toml", ".json"]
                     .iter()
                     .any(|end| key.ends_with(end))
@@ -129,14 +130,14 @@ fn settings_exist() {
     assert!(n_keys > 100, "only {n_keys} settings were found");
 }
 
-/// A key and the default that a table gives for it.
+/// A key with the default that a table of a page gives for it.
 struct Row {
     place: String,
     key: String,
     default: String,
 }
 
-/// Rows of all tables whose first column is `key`, or ``key of `TABLE` ``, and that have a column `default`.
+/// Rows of all tables with a first column `key` or ``key of `TABLE` `` and a column `default`.
 fn rows(file: &std::path::Path) -> Vec<Row> {
     let prefix = Regex::new(r"^key of `([\w.]+)`$").expect("a regular expression");
     let code = Regex::new(r"`([^`]+)`").expect("a regular expression");
@@ -174,7 +175,7 @@ fn rows(file: &std::path::Path) -> Vec<Row> {
     found
 }
 
-/// Settings with one key set, as a cohort's file sets it.
+/// The default settings with one key changed, as in a cohort's file.
 fn with(key: &str, value: Value) -> Result<Settings, serde_json::Error> {
     let mut whole = serde_json::to_value(Settings::default())?;
     let mut place = &mut whole;
@@ -246,8 +247,8 @@ fn defaults_are_the_programs() {
     assert!(missing.is_empty(), "docs/settings.md lacks {missing:?}");
 }
 
-/// A value that a page gives to a setting, as in `solver.fidelity = "reduced"` or `--set step1.tolerance=0.02`, is one that
-/// the program takes.
+/// The program accepts every value that a page gives to a setting, as in `solver.fidelity =
+/// "reduced"` or `--set step1.tolerance=0.02`.
 #[test]
 fn values_of_settings_are_taken() {
     let value = Regex::new(
@@ -288,7 +289,7 @@ fn values_of_settings_are_taken() {
     assert!(n_values > 30, "only {n_values} values were found");
 }
 
-/// Paths of all keys of a TOML document; the inside of an array's tables counts as the array's.
+/// Paths of all keys of a TOML document. Keys inside the tables of an array count as the array.
 fn paths(value: &Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     match value {
         Value::Object(table) if !table.is_empty() => {
@@ -302,10 +303,10 @@ fn paths(value: &Value, path: &mut Vec<String>, found: &mut Vec<Vec<String>>) {
     }
 }
 
-/// Each block of TOML is one that a cohort's, a patient's or a recording's file may hold.
+/// Each block of TOML fits the schema of a cohort's, a patient's, a recording's or a model's file.
 #[test]
 fn blocks_of_toml_fit_a_schema() {
-    // What `cardiotwin predict --scenarios` reads: a table of any name for each scenario.
+    // Input of `cardiotwin predict --scenarios`: one table per scenario, under any name.
     const SCENARIOS: [&str; 3] = ["set", "description", "patients"];
     let schemas: Vec<Value> = ["cohort", "patient", "raw", "model"]
         .into_iter()
@@ -336,7 +337,7 @@ fn blocks_of_toml_fit_a_schema() {
             let fits = |schema: &Value| {
                 keys.iter().all(|path| {
                     knows(schema, schema, path)
-                        // The settings of one patient are tables of the cohort.
+                        // The settings of a single patient are tables of the cohort.
                         && path.split_first().is_none_or(|(first, rest)| {
                             first != "settings" || knows(cohort, cohort, rest)
                         })

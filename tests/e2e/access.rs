@@ -1,4 +1,4 @@
-//! Who may read a run: its group, and nobody else.
+//! Access rights of a run: its group may read it, and nobody else.
 
 use std::fs;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
@@ -24,11 +24,11 @@ fn all_below(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// A group that this process may give files to: root any, others one of theirs, and of several the last, which is not the
-/// one that files have anyhow.
+/// A group to which this process may give files: any group for root, otherwise one of the process's
+/// own. The last of several is used, because it is not the one that files get by default.
 fn a_group_of_mine() -> u32 {
     if rustix::process::geteuid().is_root() {
-        return 4242; // a number needs no entry in the directory of groups
+        return 4242; // a number needs no entry in the group database
     }
     rustix::process::getgroups()
         .unwrap()

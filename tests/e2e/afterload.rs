@@ -65,7 +65,8 @@ fn the_windkessel_of_the_human_record_has_its_reference_values() {
     );
 }
 
-/// What three elements miss in the human record is the way of the wave, and the gap shrinks where the fit did not look.
+/// The wave reflection is the effect that three elements lack in the human record, and the gap also
+/// shrinks on data held out.
 #[test]
 fn the_human_record_lacks_a_reflection() {
     let folder = tempfile::tempdir().unwrap();
@@ -117,7 +118,7 @@ fn the_human_record_lacks_a_reflection() {
     .complains_of(&["atrial_kick", "tube_reflection"]);
 }
 
-/// The lines for `patient.toml`, put there: `check` takes them and a run uses them.
+/// `check` accepts the lines for `patient.toml`, and a run uses them.
 #[test]
 fn a_fitted_load_becomes_a_patients_afterload() {
     let cohort = Cohort::quick_of("01-CoA");

@@ -1,4 +1,4 @@
-//! The commands of the book's first chapters, run as they stand there.
+//! Runs the commands of the book's first chapters exactly as printed.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -31,7 +31,7 @@ fn root() -> PathBuf {
         .to_owned()
 }
 
-/// Runs a chapter in a folder that has the examples, and returns what it said.
+/// Runs a chapter in a folder that has the examples, and returns its output.
 fn run(page: &str, folder: &Path) -> String {
     std::os::unix::fs::symlink(root().join("examples"), folder.join("examples")).expect("a link");
     let programs = binary("cardiotwin").parent().expect("a folder").to_owned();

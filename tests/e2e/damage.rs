@@ -1,5 +1,5 @@
-//! Databases that are damaged or newer, directories that cannot be written, disks that are full: each is said clearly,
-//! and nothing is lost.
+//! Damaged or newer databases, unwritable directories and full disks: each is reported clearly, and
+//! nothing is lost.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -10,7 +10,8 @@ fn database(cohort: &Cohort) -> PathBuf {
     cohort.run_dir().join("cardiotwin.db")
 }
 
-/// Has the database folded into one file: a run with nothing to do reads nothing while it closes.
+/// Merges SQLite's log into the database file: a second run with nothing to do has no reader open
+/// while it closes.
 fn settle(cohort: &Cohort, arguments: &[&str]) {
     let mut all = vec!["run", "--no-report"];
     all.extend(arguments);
@@ -23,7 +24,7 @@ fn settle(cohort: &Cohort, arguments: &[&str]) {
     );
 }
 
-/// Puts bytes into the database file as no SQLite would.
+/// Overwrites bytes in the database file, as SQLite never would.
 fn overwrite(cohort: &Cohort, at: usize, bytes: &[u8]) -> Vec<u8> {
     let mut content = std::fs::read(database(cohort)).unwrap();
     content[at..at + bytes.len()].copy_from_slice(bytes);
@@ -38,7 +39,7 @@ fn a_damaged_database_is_named_and_left_alone() {
     let before = published(&cohort.patient("01-CoA"));
     let whole = std::fs::read(database(&cohort)).unwrap();
 
-    // Everything but the first page.
+    // Overwrite all but the first page.
     let length = whole.len() - 4096;
     let damaged = overwrite(&cohort, 4096, &vec![0x5a; length]);
     for command in ["run", "status"] {
@@ -77,7 +78,7 @@ fn a_damaged_database_is_named_and_left_alone() {
 fn a_database_of_a_newer_version_is_refused_unchanged() {
     let cohort = Cohort::quick();
     settle(&cohort, &["--patient", "01-CoA"]);
-    // SQLite keeps `user_version`, our format, at byte 60, big-endian.
+    // SQLite keeps `user_version`, which holds the format, at byte 60, big-endian.
     let newer = overwrite(&cohort, 60, &99_u32.to_be_bytes());
     for command in ["run", "status"] {
         cohort
@@ -144,7 +145,7 @@ fn a_full_disk_stops_the_run_and_more_space_lets_it_go_on() {
             .json()
     };
     let before = published(&show("01-CoA"));
-    // Something else fills the disk to the last block.
+    // Something else fills the disk to its last block.
     fill(&place.path().join("ballast"));
     let said = cohort.call(&["run", "--no-report", "--run-dir", run_text]);
     assert!([1, 5, 6].contains(&said.code), "{said:?}");
@@ -157,7 +158,7 @@ fn a_full_disk_stops_the_run_and_more_space_lets_it_go_on() {
     std::fs::remove_file(place.path().join("ballast")).unwrap();
     let said = cohort.call(&["run", "--no-report", "--run-dir", run_text]);
     if said.code == 1 {
-        // Attempts that failed for lack of space used up their tries.
+        // Attempts that failed for lack of space have used up their retries.
         cohort
             .call(&["retry", "--failed", "--run-dir", run_text])
             .expect(0);
@@ -173,7 +174,7 @@ fn a_full_disk_stops_the_run_and_more_space_lets_it_go_on() {
     assert_eq!(show("02-CoA")["status"]["state"], "done");
 }
 
-/// Writes until there is no space left.
+/// Writes until no space is left.
 fn fill(path: &Path) {
     use std::io::Write as _;
     let mut file = std::fs::File::create(path).unwrap();
@@ -196,7 +197,8 @@ fn a_missing_worker_is_named() {
         .complains_of(&["cohort.toml", "cardiotwin init"]);
 }
 
-/// A small file system of its own, for root; others skip the test, and say so.
+/// A small file system for this test, which needs root. Without root the test is skipped with a
+/// message.
 struct Tmpfs {
     folder: tempfile::TempDir,
 }

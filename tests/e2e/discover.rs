@@ -1,6 +1,7 @@
-//! Searches for missing effects: names of a fixed few cases, one patient alone, acceptance and its undoing, kill -9.
+//! Searches for missing effects: the names found in a few cases, a patient outside of a cohort,
+//! acceptance and its reversal, kill -9.
 //!
-//! The cases come from another model than the one that is fitted (solver/discover/tests/cases).
+//! The cases come from a model other than the fitted one (solver/discover/tests/cases).
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,7 +14,7 @@ use tempfile::TempDir;
 use crate::schema::misfits;
 use crate::support::{Cohort, cardiotwin, start};
 
-/// Nothing, a late volume trace, an atrial kick.
+/// No effect, a late volume trace, and an atrial kick.
 const CASES: [(&str, &[&str]); 3] = [
     ("dev-008", &[]),
     ("dev-013", &["pv_misalignment"]),
@@ -37,7 +38,7 @@ fn case(id: &str) -> PathBuf {
         .join(id)
 }
 
-/// A cohort of the cases.
+/// A cohort made of the cases.
 fn cases() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     CASES
@@ -72,7 +73,7 @@ fn names(case: &Value) -> Vec<&str> {
         .collect()
 }
 
-/// Every finished attempt with the time at which its outcome was written.
+/// Every finished attempt, with the time at which its outcome was written.
 fn outcomes(run: &Path) -> BTreeMap<PathBuf, std::time::SystemTime> {
     let folders = |folder: &Path| {
         fs::read_dir(folder)
@@ -147,7 +148,8 @@ fn a_cohort_is_searched_killed_and_gone_on_with_and_the_names_are_right() {
             .contains("id=\"missing-dev-019\"")
     );
 
-    // One of its patients is known already, and told alone; stdout is the JSON and nothing else.
+    // The result of one of its patients is known already and printed alone; stdout has nothing but
+    // the JSON.
     let said = cardiotwin(folder.path(), &["discover", "patients/dev-019", "--json"]).expect(0);
     let alone: Value = serde_json::from_str(&said.out).unwrap();
     assert_eq!(alone, found["dev-019"]);
@@ -158,7 +160,7 @@ fn a_cohort_is_searched_killed_and_gone_on_with_and_the_names_are_right() {
     assert!(outcomes(&folder.path().join("patients/dev-019/discover")).is_empty());
 }
 
-/// With part of the catalogue for speed.
+/// Uses a part of the catalogue, for speed.
 #[test]
 fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     let cohort = Cohort::quick_of("03-CoA");
@@ -200,13 +202,14 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     assert!(!said.out.contains("nothing to do"), "{}", said.out);
     let patient = cohort.patient("03-CoA");
     assert_eq!(patient["plan"]["effects"][0]["name"], "atrial_kick");
-    // The atrium fills what the constant filling pressure leaves open.
+    // The atrium adds the filling that the constant filling pressure leaves open.
     assert!(
         gap(&patient).abs() < 0.5 * before.abs(),
         "{before} {}",
         gap(&patient)
     );
-    // What it was before stands beside it: the iterate that step 1 took, and the verification beat.
+    // The earlier results are kept beside it: the iterate that step 1 chose, and the verification
+    // beat.
     let best = as_it_was["step1"]["best_iteration"].as_u64().unwrap() as usize;
     assert_eq!(
         patient["before"]["step1"]["key"],
@@ -224,7 +227,7 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
         .call(&["discover", "patients/03-CoA", "--revert"])
         .expect(0);
     assert!(!folder.join("model.toml").exists() && folder.join("model.v1.toml").exists());
-    // What was computed before the acceptance is found again.
+    // Results from before the acceptance are found again.
     let said = cohort.call(&["run", "--no-report"]).expect(0);
     assert!(said.out.contains("nothing to do"), "{}", said.out);
     assert_eq!(gap(&cohort.patient("03-CoA")), before);
@@ -239,7 +242,7 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     assert!(bytes() == as_measured, "what was measured was changed");
 }
 
-/// An artefact corrects the traces that step 0 takes its biomarkers from.
+/// An artefact corrects the traces from which step 0 takes its biomarkers.
 #[test]
 fn an_accepted_artefact_corrects_the_data() {
     let folder = tempfile::tempdir().unwrap();
@@ -272,11 +275,11 @@ fn an_accepted_artefact_corrects_the_data() {
     let used =
         Path::new(step0["directory"].as_str().unwrap()).join(artefact["file"].as_str().unwrap());
     let late = emptiest_ms(&folder.path().join("patients/dev-013/volume.csv")) - emptiest_ms(&used);
-    // 41 ms by the search, to within the distance of two frames.
+    // The search finds 41 ms, to within the distance of two frames.
     assert!((10.0..75.0).contains(&late), "{late}");
 }
 
-/// When the volume, a file's last column, is smallest.
+/// Time of the smallest volume, which is a file's last column.
 fn emptiest_ms(file: &Path) -> f64 {
     let text = fs::read_to_string(file).unwrap();
     let rows = text.lines().skip(1).map(|line| {

@@ -1,4 +1,5 @@
-//! What `export` makes for other programs and people: openCARP's files, an RO-Crate that a validator of others accepts.
+//! Output of `export` for other programs and people: openCARP's files, and an RO-Crate that an
+//! independent validator accepts.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -58,7 +59,7 @@ fn a_personalised_model_is_handed_to_opencarp() {
                 .iter()
                 .all(|t| *t == -1.0 || (0.0..400.0).contains(t))
     );
-    // The personalised parameters under the plugin's names.
+    // The personalised parameters have the plugin's names.
     let patient = cohort.patient("02-CoA");
     let peak = &patient["step1"]["parameters"]["tanh"]["Smax_ref_kPa"];
     assert!(
@@ -103,7 +104,8 @@ fn a_personalised_model_is_handed_to_opencarp() {
     );
 }
 
-/// Python with the readers of PyPI, made once for a build folder; nothing where it cannot be had, which is said.
+/// Python with packages of PyPI, installed once per build folder; `None`, with a message, if that
+/// is not possible.
 fn python() -> Option<PathBuf> {
     let test = std::env::current_exe().expect("a test knows its own path");
     let place = test
@@ -168,7 +170,7 @@ fn a_run_is_shared_as_a_crate_that_others_can_read() {
             "inputs are named by their content"
         );
         assert!(metadata.contains("CreateAction") && metadata.contains("cardiotwin-worker"));
-        // Nothing of this machine goes out.
+        // Nothing identifies this machine.
         let here = cohort.path().to_string_lossy().into_owned();
         let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
         for text in [&metadata, &record] {

@@ -1,4 +1,4 @@
-//! A cohort that a solver in Python simulates: the bundled example, its failures, and kills.
+//! A cohort with a solver in Python: the bundled example, its failures, and kills.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,7 +7,7 @@ use rustix::process::{Pid, Signal};
 
 use super::support::{Cohort, published};
 
-/// The cohort of one patient on the bundled `lv.py`; nothing where there is no Python, which is said.
+/// A cohort of one patient on the bundled `lv.py`; `None`, with a message, if there is no Python.
 fn cohort(patient: &str, more: &str) -> Option<Cohort> {
     if !std::process::Command::new("python3")
         .arg("--version")
@@ -73,7 +73,7 @@ fn a_patient_is_personalised_with_another_solver_and_its_source_is_part_of_the_d
         "{}",
         again.out
     );
-    // Another solver: simulations are done again, step 0 is not.
+    // A changed solver: simulations are repeated, but not step 0.
     cohort.edit("lv.py", "n = 6\n", "n = 7\n");
     cohort.call(&["run", "--no-report", "--quiet"]).expect(0);
     let after = published(&cohort.patient("02-CoA"));
@@ -101,7 +101,7 @@ fn step_3_moves_the_cell_of_another_solver() {
         "--set",
         "posterior.enabled=false",
     ];
-    // Exit code 2 where the twin does not hold after two beats.
+    // Exit code 2 means that the twin is not personalised after two beats.
     cohort.call(&[&["run", "--no-report", "--quiet"][..], &until].concat());
     let patient = cohort.patient("02-CoA");
     let beats = patient["step3_iterations"]
@@ -117,7 +117,8 @@ fn step_3_moves_the_cell_of_another_solver() {
         best.is_finite() && beats[0]["proposal"].is_object(),
         "{beats:#?}"
     );
-    // The same sum of squares of the verification beat, from its biomarkers alone: step 3 came nearer.
+    // Sum of squares of the verification beat, from its biomarkers alone: step 3 came nearer to the
+    // measurements.
     let off = |run: &serde_json::Value| {
         let (found, measured) = (
             &run["result"]["biomarkers"],
@@ -166,7 +167,8 @@ fn parameter_files_and_nodal_results_of_opencarp_give_the_same_answer() {
         cohort.patient("02-CoA")
     };
     let (plain, carp_patient) = (run(&plain), run(&carp));
-    // Single precision of the nodal traces reaches the verification beat by way of step 2's targets.
+    // The single precision of the nodal traces affects the verification beat through step 2's
+    // targets.
     let (expected, found) = (biomarkers(&plain), biomarkers(&carp_patient));
     for (name, expected) in &expected {
         assert!(
@@ -240,7 +242,7 @@ fn failures_of_another_solver_have_their_classes() {
             "{failure:#}"
         );
     }
-    // Settings that cannot be are told before anything runs.
+    // Impossible settings are reported before anything runs.
     let Some(cohort) = cohort("02-CoA", "") else {
         return;
     };
@@ -259,14 +261,15 @@ fn failures_of_another_solver_have_their_classes() {
     );
 }
 
-/// Kills everything within a call of the solver or right after it; each time the next coordinator goes on.
+/// Kills everything within a call of the solver or right after it. Each time the next coordinator
+/// continues.
 #[test]
 fn kills_lose_nothing_and_repeat_nothing_of_another_solver() {
     let Some(cohort) = cohort("02-CoA", "") else {
         return;
     };
     let log = cohort.path().join("solver.log");
-    // The solver says where it begins and ends, and takes a moment in between.
+    // The solver logs its begin and its end, and takes a moment in between.
     let begin = format!(
         "if __name__ == \"__main__\":\n    import time\n    def say(word):\n        with open({:?}, \"a\") as log:\n            \
          log.write(f\"{{word}} {{sys.argv[2]}}\\n\")\n    say(\"begin\")\n    time.sleep(0.2)\n    main()\n    say(\"end\")\n",
@@ -282,15 +285,16 @@ fn kills_lose_nothing_and_repeat_nothing_of_another_solver() {
         said.lines().filter(|line| line.starts_with(word)).count()
     };
     for round in 0..8 {
-        // Within a call of the solver, and after one, when its results are about to be read and published.
+        // Either within a call of the solver, or after one, when its results are about to be read
+        // and published.
         let word = ["begin", "end"][round / 2 % 2];
         let before = n_said(word);
         let mut coordinator = cohort.start(&["--no-report", "--quiet"]);
         if !coordinator.wait_until(&format!("{word} of a call"), || n_said(word) > before) {
-            break; // Nothing was left to be done.
+            break; // nothing was left to do
         }
         coordinator.signal(Signal::KILL);
-        // Every other time the workers, too: their solvers go with them.
+        // In every other round the workers are killed, too, and their solvers with them.
         if round % 2 == 0 {
             workers(&cohort.run_dir()).into_iter().for_each(|pid| {
                 let _ = rustix::process::kill_process(pid, Signal::KILL);
@@ -332,7 +336,7 @@ fn kills_lose_nothing_and_repeat_nothing_of_another_solver() {
     assert!(tasks.len() >= 5, "{tasks:?}");
 }
 
-/// Processes whose command line names the run's directory: its workers.
+/// The run's workers: processes whose command line contains the run directory.
 fn workers(run: &Path) -> Vec<Pid> {
     let run = run.display().to_string();
     let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();

@@ -53,7 +53,7 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
             .expect("a motion");
         assert!((0.0..40.0).contains(&shortening), "{shortening} %");
     }
-    // Step 0 meets the measured end-diastole, the fit the measured peak.
+    // Step 0 agrees with the measured end-diastole, and the fit with the measured peak.
     for (row, percent) in [("EDV_mL", 1.0), ("P_max_mmHg", 10.0)] {
         let line = shown.lines().find(|line| line.starts_with(row)).expect(row);
         let off = line
@@ -64,7 +64,7 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
             .expect("a number");
         assert!(off.abs() <= percent, "{line}");
     }
-    // Pictures, their index written last, and the nodes' spread.
+    // Series of pictures, with the index written last, and the spread over the nodes.
     let (step1, verification) = (
         &iterations[iterations.len() - 1]["run"],
         &patient["verification"],
@@ -101,7 +101,7 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
             .contains("since activation")
     );
 
-    // A series changes no task's key.
+    // A series does not change the key of any task.
     let again = cohort.call(&RUN[..8]).expect(0);
     assert!(
         again.out.contains("nothing to do") || again.out.contains("0 tasks"),
@@ -110,7 +110,8 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
     );
 }
 
-/// Mean of |simulated - measured| / |measured| over patients, percent; `run` finds a patient's run.
+/// Mean of |simulated - measured| / |measured| over patients, percent; `run` selects a patient's
+/// simulation.
 fn mean_error(patients: &[Value], name: &str, run: impl Fn(&Value) -> &Value) -> f64 {
     let number = |value: &Value| {
         value[name]
@@ -144,7 +145,8 @@ fn best_of_step3(patient: &Value) -> &Value {
         .expect("the best beat")["run"]
 }
 
-/// The guard of the twin itself: defaults of the program, on a mesh that is coarse enough for every commit.
+/// Guards the accuracy of the twin: the program's defaults, on a mesh that is coarse enough to run
+/// with every commit.
 #[test]
 fn the_twins_of_two_patients_hold_in_3d() {
     let ids = ["01-CoA", "06-CoA"];
@@ -179,7 +181,7 @@ fn the_twins_of_two_patients_hold_in_3d() {
             }
         }
     };
-    // The paper's errors; where these patients do better, that.
+    // The paper's errors, or smaller bounds where these patients do better.
     hold("step 1", best_of_step1, [5.4, 6.0, 7.7, 1.4, 10.0]);
     hold(
         "verification of step 2",
@@ -188,7 +190,7 @@ fn the_twins_of_two_patients_hold_in_3d() {
     );
     hold("step 3", best_of_step3, [2.0, 8.0, 12.0, 1.5, 2.0]);
     assert!(missed.is_empty(), "{missed:#?}\n{}", said.out);
-    // A program for others gets step 3's cell.
+    // Other programs get step 3's cell.
     cohort.call(&["export", "--opencarp"]).expect(0);
     let cell = &patients[0]["step3"]["parameters"]["n_Tm"]
         .as_f64()

@@ -26,7 +26,8 @@ fn rices_calcium_comes_from_a_measured_transient() {
     );
     let schema: Value = serde_json::from_str(&std::fs::read_to_string(schema).unwrap()).unwrap();
     assert_eq!(misfits(&answer, &schema), Vec::<String>::new());
-    // The trace's truth stands in its header; intervals of 95 % are about two of these wide.
+    // The trace's header has the true values. An interval of 95 % is about twice as wide as these
+    // bounds.
     for (key, truth, within) in [
         ("ca_res_uM", 0.12, 0.01),
         ("ca_max_uM", 0.7, 0.007),
@@ -52,7 +53,8 @@ fn rices_calcium_comes_from_a_measured_transient() {
     );
 }
 
-/// Both tables, put into a cohort's file: `check` takes them, and a run holds or bounds calcium by them.
+/// Both tables, in a cohort's file: `check` accepts them, and a run fixes or bounds calcium by
+/// them.
 #[test]
 fn a_fit_becomes_a_cohorts_default() {
     for way in ["frozen", "bounds"] {
@@ -61,7 +63,7 @@ fn a_fit_becomes_a_cohorts_default() {
             .call(&["fit", "calcium", TRACE, "--toml", way])
             .expect(0)
             .out;
-        // One table of a name: the quick settings follow the fit's own.
+        // TOML allows only one table of a name, so the quick settings follow in the fit's own.
         let quick = "popsize = 3\nmax_generations = 4\npolish = false\n";
         let table = if way == "frozen" {
             settings.replace("[step2]\n", &format!("[step2]\n{quick}"))

@@ -1,4 +1,4 @@
-//! `du`, `clean` and `archive` of a real run, and a scratch that was purged.
+//! `du`, `clean` and `archive` on a real run, and a run whose scratch was purged.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -41,7 +41,7 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
         .next()
         .unwrap()
         .path();
-    // What a checkpoint leaves, and something of a person's.
+    // Files of a checkpoint, and a file of a person.
     fs::create_dir_all(attempt.join("checkpoint")).unwrap();
     fs::write(attempt.join("checkpoint/state.bin"), vec![0; 5000]).unwrap();
     fs::write(run.join("notes.txt"), "mine").unwrap();
@@ -87,7 +87,7 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
         fs::read_to_string(target.join("notes.txt")).unwrap(),
         "mine"
     );
-    // The first run goes away: the copy stands by itself.
+    // The first run is moved away, because the copy must stand by itself.
     let expected: Vec<_> = ["01-CoA", "02-CoA"]
         .map(|id| published(&cohort.patient(id)))
         .into();
@@ -109,7 +109,8 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
     assert!(goes_on.out.contains("nothing to do"), "{}", goes_on.out);
 }
 
-/// All attempts are gone, as after a purge: nothing is done anew until something reads them, and then only what it reads.
+/// All attempts are gone, as after a purge: no task is computed again until its files are read, and
+/// then only the tasks that are read.
 #[test]
 fn a_purged_run_is_gone_on_with() {
     let cohort = Cohort::quick_of("01-CoA");
@@ -122,7 +123,7 @@ fn a_purged_run_is_gone_on_with() {
         "nobody reads them: {}",
         said.out
     );
-    // The first iteration becomes the best: the targets read the traces of that beat.
+    // The first iteration becomes the best, so the targets read the traces of that beat.
     let said = cohort
         .call(&["run", "--no-report", "--set", "step1.max_iterations=1"])
         .expect(0);
@@ -168,7 +169,8 @@ fn a_plan_tells_what_room_it_takes() {
     );
 }
 
-/// Database, attempts and archive on three file systems' folders: everything that looks at a run follows.
+/// Database, attempts and archive in folders of their own, as on three file systems: every command
+/// that reads a run follows.
 #[test]
 fn attempts_lie_on_scratch_and_copies_in_the_archive() {
     let cohort = Cohort::quick_of("01-CoA");
@@ -212,7 +214,7 @@ fn attempts_lie_on_scratch_and_copies_in_the_archive() {
             .is_dir(),
         "the copy stands by itself"
     );
-    // All of scratch is purged, the folder of the run's with it.
+    // All of scratch is purged, including the run's folder.
     fs::remove_dir_all(&scratch).unwrap();
     let said = cohort
         .call(&["run", "--no-report", "--set", "step1.max_iterations=1"])

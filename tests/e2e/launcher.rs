@@ -1,11 +1,11 @@
-//! 3D simulations on the ranks of an MPI launcher, where there is one.
+//! 3D simulations on the ranks of an MPI launcher, if one is installed.
 
 use std::path::Path;
 use std::process::Command;
 
 use super::support::{Cohort, binary};
 
-/// Step 0 and a beat, as short as can be.
+/// Step 0 and one beat, as short as possible.
 const RUN: [&str; 15] = [
     "run",
     "--no-report",
@@ -69,7 +69,7 @@ fn a_beat_in_3d_runs_on_the_ranks_of_a_launcher() {
     assert_eq!(outcome["provenance"]["ranks"], 2, "{outcome:#}");
 }
 
-/// Open MPI as root, on more ranks than cores; MPICH knows none of these.
+/// Settings for Open MPI as root and on more ranks than cores; MPICH ignores them.
 const OPEN_MPI: [&str; 5] = [
     "OMPI_ALLOW_RUN_AS_ROOT=1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1",

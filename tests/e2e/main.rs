@@ -1,5 +1,6 @@
-//! The real binaries on a two-patient cohort: whole runs, changes, requests, stops, damage. Seconds each; nothing is
-//! mocked. `make test` builds the binaries first; by hand: `cargo build --release --workspace --bins`.
+//! The real binaries on a cohort of two patients: whole runs, changes, requests, stops, damage.
+//! Each test takes seconds and nothing is mocked. `make test` builds the binaries first; by hand:
+//! `cargo build --release --workspace --bins`.
 
 mod access;
 mod afterload;

@@ -1,4 +1,4 @@
-//! `cardiotwin mesh` on files, and a patient's own mesh under `check`.
+//! `cardiotwin mesh` on files, and `check` of a patient's own mesh.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::support::{Cohort, cardiotwin};
 
-/// The benchmark's ventricle as the repository has it.
+/// The benchmark's ventricle in the repository.
 fn heart() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/meshes/arostica_lv/arostica_lv")
 }
@@ -24,7 +24,8 @@ fn write(file: &Path, lines: &[String]) {
     std::fs::write(file, lines.join("\n") + "\n").expect("written");
 }
 
-/// CARP files of the ventricle: a turned element, a doubled node, a node that nobody has, and a piece in the cavity.
+/// CARP files of the ventricle with defects: an inverted element, a duplicate node, an unused node,
+/// and a piece inside the cavity.
 fn broken(folder: &Path) -> PathBuf {
     let stem = folder.join("broken");
     let (mut points, mut elements) = (
@@ -180,7 +181,8 @@ fn a_patients_own_mesh_is_checked_before_anything_waits() {
         );
         std::fs::write(&file, text).expect("written");
     };
-    // Everything at once: the volume (167.5 mL, the image's is 141.9), the tag, the site.
+    // Several defects at once: the volume (167.5 mL instead of the image's 141.9), the tag, and the
+    // site.
     with("um", 4, "[0.0, 0.0, 90.0]");
     let said = cohort.call(&["check"]).expect(1).out;
     for part in [
@@ -194,7 +196,7 @@ fn a_patients_own_mesh_is_checked_before_anything_waits() {
     let said = cohort.call(&["check"]).expect(1).out;
     assert!(said.contains("set anatomy.mesh.unit = \"um\""), "{said}");
     cohort.call(&["run", "--quiet"]).expect(3);
-    // Scaled to the measured volume, and with a site in the wall, nothing is left to say.
+    // After scaling to the measured volume, and with a site in the wall, no complaint is left.
     let scaled = [
         "mesh",
         "repair",
@@ -217,7 +219,8 @@ fn a_patients_own_mesh_is_checked_before_anything_waits() {
     );
 }
 
-/// mmg3d from PyPI, installed once for a build folder; nothing where it cannot be had, which is said.
+/// mmg3d from PyPI, installed once per build folder; `None`, with a message, if that is not
+/// possible.
 fn mmg3d() -> Option<PathBuf> {
     let test = std::env::current_exe().expect("a test knows its own path");
     let place = test
@@ -287,7 +290,8 @@ fn a_mesh_is_made_anew_with_its_surfaces_tags_and_volume() {
     );
     assert!(of(&after, "worst_mean_ratio") > 0.1, "{after}");
     assert_eq!(after["mesh"]["surfaces_found"], false, "mmg kept them");
-    // The file's own `endo` shares its triangles with `endocardium`: both go along.
+    // The file's own `endo` shares its triangles with `endocardium`, and both are remeshed
+    // together.
     let triangles = |answer: &Value, name: &str| {
         let surfaces = answer["mesh"]["surfaces"].as_array().expect("surfaces");
         let named = surfaces.iter().find(|surface| surface["name"] == name);

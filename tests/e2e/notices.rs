@@ -1,4 +1,5 @@
-//! Notices: a hook and mail are told once, whatever becomes of the coordinator, and never harm the run.
+//! Notices: a hook and mail are sent once, whatever happens to the coordinator, and never harm the
+//! run.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -23,7 +24,7 @@ fn notify(cohort: &Cohort, lines: &str) {
     fs::write(&path, format!("{text}\n[executor.notices]\n{lines}\n")).unwrap();
 }
 
-/// What a hook wrote, one object after the other.
+/// The objects that a hook wrote, in their order.
 fn heard(path: &Path) -> Vec<Value> {
     let text = fs::read_to_string(path).unwrap_or_default();
     serde_json::Deserializer::from_str(&text)
@@ -32,7 +33,8 @@ fn heard(path: &Path) -> Vec<Value> {
         .collect()
 }
 
-/// A worker that dies in every verification beat, the one beat of a run in which the cell is Land's: its arguments.
+/// Arguments for a worker that dies in every verification beat, the only beat of a run with Land's
+/// cell.
 fn without_verification(cohort: &Cohort) -> [String; 4] {
     let real = binary("cardiotwin-worker");
     let body = format!(
@@ -114,13 +116,14 @@ fn a_hook_and_mail_are_told_once_of_everything() {
         !mail.contains(&folder) && !fs::read_to_string(&hook_heard).unwrap().contains(&folder),
         "no paths are told"
     );
-    // The same again is no news.
+    // Another run without changes sends nothing.
     cohort.call(&run);
     assert_eq!(heard(&hook_heard).len(), 4);
     assert_eq!(fs::read_to_string(&mail_heard).unwrap(), mail);
 }
 
-/// The hook itself ends the coordinator with SIGKILL: nothing is told twice, and what was not told yet is told by the next.
+/// The hook itself kills the coordinator with SIGKILL: nothing is sent twice, and the next
+/// coordinator sends the rest.
 #[test]
 fn each_is_told_once_though_the_coordinator_is_killed_in_the_act() {
     let cohort = Cohort::quick_of("04-CoA");

@@ -1,4 +1,5 @@
-//! What comes out: tables, comparisons, simulations, completions, manual pages, schemas, templates.
+//! Output of the program: tables, comparisons, simulations, completions, manual pages, schemas,
+//! templates.
 
 use std::path::Path;
 use std::process::Stdio;
@@ -226,7 +227,7 @@ fn a_reader_that_leaves_hides_no_exit_code_and_ends_what_follows() {
     };
     let broken = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/broken-cohort");
     assert_eq!(code(&broken, &["check", "."]), Some(1));
-    // A patient that waits for a run is watched until somebody leaves.
+    // With a patient that waits for a run, `status --watch` continues until it is left.
     let cohort = Cohort::quick();
     cohort.call(&["run", "--no-report"]).expect(0);
     cohort

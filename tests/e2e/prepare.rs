@@ -1,4 +1,5 @@
-//! `cardiotwin prepare` on recordings with known truth, and `fit afterload` without a measured flow.
+//! `cardiotwin prepare` on recordings with known truth, and `fit afterload` without a measured
+//! flow.
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +21,7 @@ fn schema(name: &str) -> Value {
     serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
 }
 
-/// A copy of the example's recordings, to be spoilt.
+/// A copy of the example's recordings with changes.
 fn copy(change: impl Fn(&str, String) -> Option<String>) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let raw = folder.path().join("raw");
@@ -43,8 +44,9 @@ fn step<'a>(answer: &'a Value, name: &str) -> &'a Value {
         .unwrap()
 }
 
-/// The example's truth stands in its README's command: cycle 962 ms with 4 ectopic beats made, drift 4 mmHg/min, systole times
-/// 1.020 and a lag of -51.5 ms in the cine, volumes to be multiplied by 1.0277.
+/// The command in the example's README has the true values: a cycle of 962 ms with 4 ectopic beats,
+/// a drift of 4 mmHg/min, a systole times 1.020 and a lag of -51.5 ms in the cine, and volumes to
+/// be multiplied by 1.0277.
 #[test]
 fn recordings_become_a_patient_that_check_accepts() {
     let folder = tempfile::tempdir().unwrap();
@@ -83,7 +85,7 @@ fn recordings_become_a_patient_that_check_accepts() {
     for name in answer["written"].as_array().unwrap() {
         assert!(patient.join(name.as_str().unwrap()).is_file(), "{name}");
     }
-    // What lies in the folder is what was said, and the recordings are as they were.
+    // The files agree with the answer, and the recordings are unchanged.
     let kept: Value = serde_json::from_str(
         &std::fs::read_to_string(patient.join("prepared/prepare.json")).unwrap(),
     )
@@ -102,7 +104,7 @@ fn recordings_become_a_patient_that_check_accepts() {
     )
     .unwrap();
     cardiotwin(folder.path(), &["check", "cohort", "--strict"]).expect(0);
-    // Not over what is there, unless asked to, and never over what another made.
+    // Existing files are replaced only on request, and never if something else made them.
     cardiotwin(folder.path(), &call)
         .expect(2)
         .complains_of(&["is there already", "--replace"]);
@@ -235,7 +237,8 @@ fn bad_recordings_are_refused_with_file_line_and_key() {
         .complains_of(&["\"P001\"", "\"P002\""]);
 }
 
-/// A load from the volume's fall and the aorta's pressure, or the cuff's: near each other, and near what was taken.
+/// A load fitted to the volume's fall with the aortic or the cuff pressure: the two fits agree with
+/// each other and with the true values.
 #[test]
 fn a_load_needs_no_measured_flow() {
     let folder = tempfile::tempdir().unwrap();

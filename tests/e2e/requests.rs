@@ -1,4 +1,4 @@
-//! rerun, retry, cancel, logs.
+//! The commands rerun, retry, cancel and logs.
 
 use crate::support::{Cohort, published};
 
@@ -77,9 +77,10 @@ fn rerun_with_damping_continues_from_stored_iterations() {
     );
 }
 
-/// The paper's odd one out: its tenth simulation aborted and the ninth was taken. Here too a simulation fails, the best
-/// earlier iteration is taken, step 2 runs from it, and a damped rerun goes on behind the failed one. The cell's stretch is
-/// the paper's and activation begins with the beat, with which the loop runs away.
+/// The paper's exceptional patient, whose tenth simulation was aborted, so that the ninth was used.
+/// Here too a simulation fails, the best earlier iteration is used, step 2 starts from it, and a
+/// damped rerun continues after the failed one. The cell's stretch is the paper's and activation
+/// begins with the beat, because the iteration of step 1 then runs away.
 #[test]
 fn a_stalled_step_1_is_a_result_and_can_be_continued() {
     let cohort = Cohort::quick_of("04-CoA");
@@ -201,7 +202,7 @@ fn a_running_coordinator_takes_up_requests() {
 #[test]
 fn a_failed_task_is_retried_with_the_same_settings() {
     let cohort = Cohort::quick();
-    // A worker that is no worker: every attempt ends without an outcome, which is the site's doing.
+    // A program that is no worker: every attempt ends without an outcome, which is a site failure.
     let fake = cohort.path().join("fake-worker");
     std::fs::write(&fake, "#!/bin/sh\necho 'no disk here' >&2\nexit 9\n").unwrap();
     std::fs::set_permissions(&fake, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();

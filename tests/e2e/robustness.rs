@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::support::{Cohort, published};
 
-/// Step 1 by the paper's rule, as in a cohort's own run.
+/// Step 1 by the paper's rule, as in the cohort's own run.
 const PAPER: [&str; 6] = [
     "sweep",
     "robustness",
@@ -62,7 +62,7 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
         "the same tasks, and so the same numbers"
     );
 
-    // The pressure that a sample is fitted to is the measured one times its factor, and the fit follows.
+    // A sample is fitted to the measured pressure times its factor, and the fit follows.
     let sample = cohort
         .call(&["show", "02-CoA.d01", "--cohort", FOLDER, "--json"])
         .json();
@@ -88,7 +88,7 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
     );
     assert!(p_max["spread"].as_f64().unwrap() > 0.0 && p_max["paper"].is_object());
 
-    // Another seed: step 1 stays to the last bit, the fitted cell does not.
+    // With another seed step 1 is identical to the last bit, but the fitted cell is not.
     let values = |member: usize, table: &str| &members[member]["values"][table];
     assert_eq!(values(3, "step1-parameters"), values(0, "step1-parameters"));
     assert_ne!(values(3, "step2-parameters"), values(0, "step2-parameters"));
@@ -122,7 +122,8 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
         );
     }
 
-    // Again: nothing is computed, the same is said; another design is refused, more seeds are not.
+    // A repeated sweep computes nothing and prints the same result. Another design is refused, but
+    // further seeds are accepted.
     let again = cohort.call(&[&PAPER[..], &["--json"]].concat());
     assert!(again.err.contains("0 tasks published"), "{}", again.err);
     assert_eq!(again.json(), result);
@@ -253,7 +254,7 @@ fn the_sweeps_commands_serve_its_folder() {
     let result = cohort
         .call(&[&sweep[..], &onwards, &["--json"]].concat())
         .json();
-    // Step 1 goes on beyond the first iterate within the tolerance.
+    // Step 1 continues beyond the first iterate within the tolerance.
     let original = &result["patients"][0]["members"][0];
     assert!(
         original["step1_iterations"].as_u64().unwrap() > 10,

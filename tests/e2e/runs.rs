@@ -1,4 +1,4 @@
-//! Whole runs, and what a change makes them do again.
+//! Whole runs, and the tasks that a change makes them repeat.
 
 use std::path::Path;
 
@@ -59,7 +59,7 @@ fn a_cohort_runs_to_the_end_and_the_second_time_does_nothing() {
 fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_point() {
     let cohort = Cohort::quick();
     let run = ["run", "--no-report", "--patient", "02-CoA"];
-    // What is lowered is then the cost.
+    // With these weights the minimised misfit is the cost.
     let counted = [
         "dPdt_max_mmHg_per_ms",
         "dPdt_min_mmHg_per_ms",
@@ -95,7 +95,7 @@ fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_po
         "{shown}"
     );
 
-    // The default again: other iterations; a rerun then proposes on top of them.
+    // The default again gives other iterations; a rerun then proposes on top of them.
     cohort.call(&run).expect(0);
     let before = cohort.patient("02-CoA")["iterations"]
         .as_array()
@@ -127,7 +127,7 @@ fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_po
         iterations[before]["proposal"]["result"]["from_iteration"].as_u64(),
         Some(before as u64)
     );
-    // The rerun's settings are not the file's, and yet nothing is left to do.
+    // The rerun's settings differ from the file's, and yet nothing is left to do.
     let said = cohort.call(&[&run[..], &["--dry-run"]].concat()).expect(0);
     assert!(
         !said.out.contains("redo") && said.out.contains("stay as it is"),
@@ -232,7 +232,7 @@ fn status_follows_its_schema() {
     assert_eq!(status["counts"]["done"], 2);
     let table = cohort.call(&["status"]).expect(0).out;
     assert!(table.starts_with("PATIENT  STEP  STATE"), "{table}");
-    // The run's own folder names the run as well as the cohort's does.
+    // The run's own folder identifies the run as well as the cohort's folder does.
     let by_run = crate::support::cardiotwin(&cohort.run_dir(), &["status", "--json"]).json();
     assert_eq!(by_run["patients"].as_array().unwrap().len(), 2);
 }

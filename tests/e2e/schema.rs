@@ -1,8 +1,9 @@
-//! As much of JSON Schema as our own schemas use: types, required and known keys, items, references, enumerations.
+//! A validator for the part of JSON Schema that the project's schemas use: types, required and
+//! known keys, items, references, enumerations.
 
 use serde_json::Value;
 
-/// What of `value` does not fit `schema`; empty when all does.
+/// Parts of `value` that do not fit `schema`; empty if all of it does.
 pub fn misfits(value: &Value, schema: &Value) -> Vec<String> {
     let mut out = Vec::new();
     check(value, schema, schema, "$", &mut out);

@@ -4,7 +4,8 @@ use rustix::process::Signal;
 
 use crate::support::{Cohort, PATIENTS, Running, published};
 
-/// What was published before a stop is published still, by the same attempt, and the run goes to its end.
+/// Asserts that results published before a stop are still published by the same attempts, and that
+/// the run reaches its end.
 fn goes_on(cohort: &Cohort) {
     let before: Vec<_> = PATIENTS
         .iter()
@@ -14,7 +15,7 @@ fn goes_on(cohort: &Cohort) {
         before.iter().any(|tasks| tasks.len() >= 3),
         "something was done before the stop: {before:?}"
     );
-    // Step 2 shorter, so that the end comes soon: earlier steps do not depend on it.
+    // A shorter step 2, so that the end comes soon. Earlier steps do not depend on it.
     cohort.edit(
         "cohort.toml",
         "max_generations = 1000000",
@@ -47,7 +48,7 @@ fn two_interrupts_stop_now_and_the_same_command_goes_on() {
     let cohort = Cohort::slow();
     let said = stop_in_step_2(&cohort, |running| {
         running.signal(Signal::INT);
-        // Signals that come too close upon each other are one.
+        // Signals in quick succession may be merged into one.
         running.wait_for_words("Ctrl-C again stops now");
         running.signal(Signal::INT);
     });
@@ -66,7 +67,8 @@ fn one_interrupt_stops_cleanly_and_starts_nothing_new() {
     let cohort = Cohort::slow();
     let done = || PATIENTS.map(|id| published(&cohort.patient(id)));
     let mut before = Default::default();
-    // The only worker is busy for good: whatever appears after this was begun after the interrupt.
+    // The only worker is busy for good, so any task that appears after this was begun after the
+    // interrupt.
     let said = stop_in_step_2(&cohort, |running| {
         before = done();
         running.signal(Signal::TERM);

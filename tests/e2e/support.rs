@@ -1,4 +1,4 @@
-//! A small cohort in a temporary folder, and the program called on it.
+//! A small cohort in a temporary folder, and calls of the program on it.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
@@ -9,16 +9,18 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Patients that the small cohort takes from the bundled one.
+/// Patients of the small cohort, taken from the bundled one.
 pub const PATIENTS: [&str; 2] = ["01-CoA", "02-CoA"];
 
-/// Settings under which both patients are done within seconds: step 2 need not be good here, and step 3 is left out.
+/// Settings under which both patients are done within seconds: step 2 need not be accurate here,
+/// and step 3 is left out.
 const QUICK: &str = "\nworkflow.until = \"step2-verification\"\n[step2]\nseed = 3\npopsize = 3\nmax_generations = 4\npolish = false\n";
-/// Settings under which step 2 never ends by itself, however fast the cell is: a population too large to collapse.
+/// Settings under which step 2 never ends by itself, however fast the cell is: the population is
+/// too large to collapse.
 const SLOW: &str =
     "\n[step2]\nseed = 3\npopsize = 500\nmax_generations = 1000000\ntol = 0.0\npolish = false\n";
 
-/// A built binary, which lies beside the folder of the running test.
+/// Path of a built binary, which is beside the folder of the running test.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a test knows its own path");
     let path = test
@@ -34,10 +36,10 @@ pub fn binary(name: &str) -> PathBuf {
     path
 }
 
-/// Far longer than a slow machine takes: reached only where something is wrong.
+/// Time limit far beyond the needs of a slow machine, which only a fault exceeds.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// What a call said, and how it ended.
+/// Exit code and output of a call.
 #[derive(Debug)]
 pub struct Said {
     pub code: i32,
@@ -46,7 +48,7 @@ pub struct Said {
 }
 
 impl Said {
-    /// The call ended with this code.
+    /// Asserts that the call ended with this code.
     #[track_caller]
     pub fn expect(self, code: i32) -> Self {
         assert_eq!(
@@ -57,14 +59,14 @@ impl Said {
         self
     }
 
-    /// The call succeeded and printed JSON.
+    /// Asserts that the call succeeded, and parses its JSON.
     #[track_caller]
     pub fn json(self) -> Value {
         let said = self.expect(0);
         serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error} in\n{}", said.out))
     }
 
-    /// stderr has all of these.
+    /// Asserts that stderr contains all of these.
     #[track_caller]
     pub fn complains_of(self, parts: &[&str]) -> Self {
         for part in parts {
@@ -80,14 +82,14 @@ pub fn cardiotwin(folder: &Path, arguments: &[&str]) -> Said {
         .output()
         .expect("the program starts");
     Said {
-        // A signal has no code.
+        // A process that was killed by a signal has no code.
         code: output.status.code().unwrap_or(-1),
         out: String::from_utf8_lossy(&output.stdout).into_owned(),
         err: String::from_utf8_lossy(&output.stderr).into_owned(),
     }
 }
 
-/// A call of `cardiotwin` in a folder that has not begun.
+/// A call of `cardiotwin` in a folder, not yet started.
 pub fn command(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(binary("cardiotwin"));
     binary("cardiotwin-worker");
@@ -99,7 +101,7 @@ pub fn command(folder: &Path, arguments: &[&str]) -> Command {
     command
 }
 
-/// Starts `cardiotwin` in a folder and leaves it running.
+/// Starts `cardiotwin` in a folder without waiting for its end.
 pub fn start(folder: &Path, arguments: &[&str]) -> Running {
     let mut child = command(folder, arguments)
         .stdout(Stdio::piped())
@@ -121,28 +123,30 @@ pub fn start(folder: &Path, arguments: &[&str]) -> Running {
     }
 }
 
-/// A cohort of two patients.
+/// A small cohort, of two patients by default.
 pub struct Cohort {
     folder: TempDir,
 }
 
 impl Cohort {
-    /// Done within seconds.
+    /// Both patients, done within seconds.
     pub fn quick() -> Self {
         Self::with(QUICK)
     }
 
-    /// Step 2 goes on until it is stopped: for whoever wants to come in between.
+    /// Both patients, with a step 2 that continues until it is stopped, for tests that interrupt
+    /// it.
     pub fn slow() -> Self {
         Self::with(SLOW)
     }
 
-    /// One other patient of the bundled cohort, done within seconds.
+    /// Another patient of the bundled cohort, done within seconds.
     pub fn quick_of(id: &str) -> Self {
         Self::of(&[id], QUICK)
     }
 
-    /// Patients of the bundled cohort with the program's defaults, but for the one-fibre ventricle.
+    /// Patients of the bundled cohort with the program's defaults, except for the one-fibre
+    /// ventricle and fewer draws.
     pub fn by_default(ids: &[&str]) -> Self {
         Self::of(ids, "")
     }
@@ -151,7 +155,7 @@ impl Cohort {
         Self::of(&PATIENTS, settings)
     }
 
-    /// At the end of the file, so that lines keep their numbers.
+    /// Settings come at the end of the file, so that lines keep their numbers.
     fn of(patients: &[&str], settings: &str) -> Self {
         const FEW_DRAWS: &str = "\n[posterior]\ndraws = 40\n";
         let folder = tempfile::tempdir().expect("a temporary folder");
@@ -185,14 +189,14 @@ impl Cohort {
         cardiotwin(self.path(), arguments)
     }
 
-    /// Starts `cardiotwin run` and leaves it running.
+    /// Starts `cardiotwin run` without waiting for its end.
     pub fn start(&self, arguments: &[&str]) -> Running {
         let mut all = vec!["run"];
         all.extend(arguments);
         start(self.path(), &all)
     }
 
-    /// Starts any command in the cohort's folder and leaves it running.
+    /// Starts a command in the cohort's folder without waiting for its end.
     pub fn start_command(&self, arguments: &[&str]) -> Running {
         start(self.path(), arguments)
     }
@@ -206,7 +210,7 @@ impl Cohort {
         std::fs::write(path, text.replace(from, to)).unwrap();
     }
 
-    /// One patient as `show --json` tells.
+    /// Record of a patient, from `show --json`.
     pub fn patient(&self, id: &str) -> Value {
         self.call(&["show", id, "--json"]).json()
     }
@@ -232,14 +236,14 @@ impl Cohort {
         }
     }
 
-    /// Waits until a patient of a running coordinator is at work in this step, which must be one that does not end by
-    /// itself: a slow machine would miss any other.
+    /// Waits until a patient of a running coordinator is at work in this step. The step must be one
+    /// that does not end by itself, because a slow machine would miss any other.
     #[track_caller]
     pub fn wait_for_step(&self, step: &str) -> Value {
         self.wait_for_step_of_run(".", step)
     }
 
-    /// The same for another run than the cohort's own.
+    /// The same for a run other than the cohort's own.
     #[track_caller]
     pub fn wait_for_step_of_run(&self, run: &str, step: &str) -> Value {
         let wanted = |status: &Value| {
@@ -253,7 +257,7 @@ impl Cohort {
     }
 }
 
-/// A coordinator that runs beside the test. Killed if the test ends before it does.
+/// A coordinator that runs beside the test. It is killed if the test ends first.
 pub struct Running {
     child: Child,
     /// Its stderr, line by line.
@@ -262,7 +266,6 @@ pub struct Running {
 }
 
 impl Running {
-    /// Sends a signal.
     pub fn signal(&self, signal: rustix::process::Signal) {
         let pid = i32::try_from(self.child.id())
             .ok()
@@ -271,12 +274,11 @@ impl Running {
             .expect("it is running");
     }
 
-    /// Its process id.
     pub fn pid(&self) -> u32 {
         self.child.id()
     }
 
-    /// Waits until it has said these words on stderr.
+    /// Waits until stderr contains these words.
     #[track_caller]
     pub fn wait_for_words(&mut self, words: &str) {
         while !self.heard.contains(words) {
@@ -288,7 +290,8 @@ impl Running {
         }
     }
 
-    /// Waits until something is so; tells whether it was before the coordinator ended.
+    /// Waits until a condition holds or the coordinator ends. Returns whether it held before the
+    /// coordinator ended.
     #[track_caller]
     pub fn wait_until(&mut self, what: &str, is_so: impl Fn() -> bool) -> bool {
         let began = Instant::now();
@@ -305,7 +308,7 @@ impl Running {
         }
     }
 
-    /// Waits for its end.
+    /// Waits for the end of the process.
     pub fn end(mut self) -> Said {
         let mut out = String::new();
         self.child
@@ -331,7 +334,7 @@ impl Drop for Running {
     }
 }
 
-/// Task key, generation and wall time of every task of a patient that was published, by step.
+/// Step, task key and generation of every published task of a patient.
 pub fn published(patient: &Value) -> Vec<(String, String, u64)> {
     let mut tasks = Vec::new();
     let mut push = |name: String, task: &Value| {

@@ -1,4 +1,5 @@
-//! Sensitivity sweeps: whole, interrupted, extended, damaged; the published analysis against an independent reference.
+//! Sensitivity sweeps: whole, interrupted, extended, damaged; and the published analysis compared
+//! with an independent reference.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -30,15 +31,15 @@ impl Place {
         cardiotwin(self.folder.path(), arguments)
     }
 
-    /// `sweep gsa` with few resamples.
+    /// Runs `sweep gsa` with few resamples.
     fn gsa(&self, out: &str, more: &[&str]) -> Said {
         let mut all = vec!["sweep", "gsa", "--out", out, "--resamples", "20"];
         all.extend(more);
         self.call(&all)
     }
 
-    /// Starts a sweep of 512 chunks, each slow by its tolerance: minutes at the least, so that nobody comes too late to
-    /// stop it, however fast the machine.
+    /// Starts a sweep of 512 chunks, each made slow by its tolerance. It takes minutes at least, so
+    /// that there is time to stop it on a fast machine, too.
     fn start_slow(&self, out: &str) -> Running {
         let slow = [
             "--samples",
@@ -67,7 +68,7 @@ impl Place {
         self.call(&["sweep", "status", out, "--json"]).json()
     }
 
-    /// Waits until so many chunks of a running sweep are done.
+    /// Waits until at least `n` chunks of a running sweep are done.
     fn wait_for_chunks(&self, out: &str, n: u64) {
         let began = std::time::Instant::now();
         loop {
@@ -87,7 +88,7 @@ impl Place {
         }
     }
 
-    /// Every published chunk's attempts by name of the chunk's folder: a chunk computed twice has two.
+    /// Number of published attempts by task: a chunk that was computed twice has two.
     fn attempts(&self, out: &str) -> BTreeMap<String, usize> {
         let mut found = BTreeMap::new();
         for folder in children(&self.path(out).join("attempts")) {
@@ -110,7 +111,7 @@ fn children(folder: &Path) -> Vec<PathBuf> {
         .unwrap_or_default()
 }
 
-/// First-order or total index by biomarker and parameter.
+/// First-order or total indices by biomarker and parameter.
 fn indices(sensitivity: &Value, order: &str) -> BTreeMap<(String, String), f64> {
     let text = |value: &Value| value.as_str().unwrap().to_owned();
     let outputs = sensitivity["outputs"].as_array().unwrap();
@@ -215,7 +216,7 @@ fn the_published_analysis_agrees_with_an_independent_reference() {
     a_cohort_takes_the_selection(&place, &names);
 }
 
-/// Step 2's settings as `--select` wrote them, in a cohort that is sound.
+/// A cohort accepts step 2's settings as `--select` wrote them, and `check` finds no fault.
 fn a_cohort_takes_the_selection(place: &Place, ranking: &[&str]) {
     let snippet = std::fs::read_to_string(place.path("gsa/results/step2.toml")).unwrap();
     place.call(&["init", "cohort"]).expect(0);
@@ -290,7 +291,8 @@ fn threads_chunks_and_repetition_change_no_digit_and_repeat_no_chunk() {
         ),
         (Some(0), &parts["sensitivity"])
     );
-    // A longer sweep keeps the chunks that there are, and its first blocks say what the shorter one said.
+    // A longer sweep keeps the existing chunks, and its first blocks give the result of the shorter
+    // one.
     let longer = place.gsa("parts", &["--samples", "21", "--json"]).json();
     assert_eq!(
         longer["chunks"]["published_now"].as_u64(),

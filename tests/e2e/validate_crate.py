@@ -14,7 +14,8 @@ from rocrate.rocrate import ROCrate
 
 ADDRESS = "https://w3id.org/ro/crate/1.1/context"
 KNOWN = (pathlib.Path(rocrate.__file__).parent / "data/ro-crate.jsonld").read_bytes()
-# What only the people can say who share a crate, and an address of this program, which has none.
+# Properties that only the people who share a crate know, and an address of this program, which has
+# none.
 THEIRS = ("publisher", "affiliation", "ORCID", "SoftwareApplication id SHOULD be an absolute URI")
 
 
@@ -36,7 +37,7 @@ def send(self, request, *arguments, original=requests.adapters.HTTPAdapter.send,
 
 util.source_to_json = context.source_to_json = load
 requests.adapters.HTTPAdapter.send = send
-# After that: the validator takes the functions by their names.
+# The import must come after the patch, because the validator binds the functions by name.
 from rocrate_validator import models, services  # noqa: E402
 
 folder = sys.argv[1]

@@ -1,4 +1,5 @@
-//! Headless Chromium: a page in, its messages, what a script measures in it, and a screenshot out.
+//! Headless Chromium: opens a page and returns its messages, the values that a script measures in
+//! it, or a screenshot.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -11,16 +12,16 @@ pub struct Browser {
     program: PathBuf,
 }
 
-/// What a visit left behind.
+/// Result of a visit.
 pub struct Visit {
-    /// The page after its scripts ran.
+    /// The page after its scripts have run.
     pub dom: String,
-    /// Lines that the page wrote to the console, errors among them.
+    /// Lines that the page wrote to the console, including errors.
     pub console: Vec<String>,
 }
 
 impl Browser {
-    /// The browser, or `None` where there is none. Where `CI` is `true` there must be one.
+    /// The browser, or `None` if none is installed. With `CI` set to `true` there must be one.
     pub fn find() -> Option<Self> {
         let names = [
             "chromium",
@@ -53,7 +54,7 @@ impl Browser {
         Visit { dom: out, console }
     }
 
-    /// Opens a page with a script appended whose value it returns.
+    /// Opens a page with an appended script and returns the script's value.
     pub fn measure(&self, file: &Path, fragment: &str, window: (u32, u32), script: &str) -> Value {
         let page = std::fs::read_to_string(file).expect("the page was just written");
         let copy = file.with_extension("measured.html");
@@ -77,7 +78,7 @@ impl Browser {
         serde_json::from_slice(&percent_decoded(coded)).expect("the script's value is JSON")
     }
 
-    /// A screenshot as PNG.
+    /// Takes a screenshot as PNG.
     pub fn screenshot(&self, file: &Path, fragment: &str, window: (u32, u32), png: &Path) {
         let (_, err) = self.run(
             file,
@@ -96,7 +97,8 @@ impl Browser {
         what: &[&str],
     ) -> (String, String) {
         let profile = tempfile::tempdir().expect("a folder for the browser's profile");
-        // To files, not pipes: a browser that fills a pipe while nobody reads would never end.
+        // Output goes to files instead of pipes: a browser that fills a pipe while it is not read
+        // would never end.
         let (out, err) = (
             profile.path().join("out.txt"),
             profile.path().join("err.txt"),
@@ -167,7 +169,7 @@ fn percent_decoded(text: &str) -> Vec<u8> {
     decoded
 }
 
-/// Base64, for a `data:` address.
+/// Base64 encoding, for a `data:` address.
 pub fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len() / 3 * 4 + 4);

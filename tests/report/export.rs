@@ -1,4 +1,4 @@
-//! Tables and traces as other programs get them.
+//! Exported tables and traces, as other programs read them.
 
 use std::path::{Path, PathBuf};
 

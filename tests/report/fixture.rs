@@ -1,5 +1,6 @@
-//! A run as a finished cohort leaves it: the bundled cohort's measured traces, the paper's numbers (Jung et al. 2022,
-//! Tables 2, A6, A7) for biomarkers and parameters, simple curves for simulated traces. And patients in trouble.
+//! The run of a finished cohort: measured traces of the bundled cohort, the paper's numbers (Jung
+//! et al. 2022, Tables 2, A6, A7) as biomarkers and parameters, and simple curves as simulated
+//! traces. Further patients have failures or lack data.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -30,7 +31,7 @@ use cardiotwin_schemas::verdict::{TwinTolerances, Verdict};
 
 use crate::traces::{at, extreme, measured, time_points};
 
-/// What the paper prints of a patient.
+/// Numbers that the paper prints for a patient.
 struct Printed {
     id: &'static str,
     cycle_length_ms: f64,
@@ -107,7 +108,7 @@ fn biomarkers(v: [f64; 5], edv: f64, gap: Option<f64>) -> Biomarkers {
     }
 }
 
-/// Where a fixture writes its artefacts.
+/// Folder in which a fixture writes its artefacts.
 struct Folder<'a> {
     root: &'a Path,
 }
@@ -168,7 +169,8 @@ impl Folder<'_> {
     }
 }
 
-/// A simulated beat from a measured one: the peak and the stroke of `target`, no atrial kick, the rest left open.
+/// A simulated beat derived from a measured one: the peak and the stroke volume of `target`, no
+/// atrial kick, and hence an open gap at the end.
 fn simulated(
     p: &[(f64, f64)],
     v: &[(f64, f64)],
@@ -191,7 +193,7 @@ fn simulated(
         let pressure = low + (at(p, shifted) - low) * (target[0] - low) / (peak - low);
         let mut volume = edv - (edv - at(v, shifted)) * scale;
         if t > 0.5 * cycle {
-            // What the ventricle holds before the kick is all that it gets.
+            // The ventricle keeps the volume that it has before the kick.
             volume = volume.min(highest.max(edv - 0.28 * target[4]));
         } else {
             highest = highest.min(volume);
@@ -371,7 +373,7 @@ fn cost(simulated: &[f64; 5], clinical: &[f64; 5]) -> f64 {
         .sum()
 }
 
-/// A patient who went through all steps.
+/// A patient with all steps finished.
 fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
     let plan = plan(printed, id);
     let cycle = printed.cycle_length_ms;
@@ -433,7 +435,8 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
     let first = parameters([100.0, 40.0, 110.0, 550.0, 0.01, 0.01]);
     let mut iterations = Vec::new();
     for k in 1..=printed.iterations {
-        // Half of what is left, in logarithms, at each iteration; the last one is the paper's.
+        // Each iteration halves the remaining logarithmic difference; the last one has the paper's
+        // values.
         let left = if k == printed.iterations {
             0.0
         } else {
@@ -638,7 +641,7 @@ fn run(root: &Path, name: &str, patients: Vec<PatientRecord>) -> RunRecord {
     }
 }
 
-/// The paper's seven, all finished, 04-CoA stalled.
+/// The paper's seven patients, all finished, with 04-CoA stalled.
 pub fn cohort(root: &Path) -> RunRecord {
     let folder = Folder { root };
     run(
@@ -648,7 +651,7 @@ pub fn cohort(root: &Path) -> RunRecord {
     )
 }
 
-/// One patient as often as asked, under numbered names.
+/// `n` copies of one patient under numbered names.
 pub fn many(root: &Path, n: usize) -> RunRecord {
     let one = finished(&Folder { root }, &PRINTED[0], "P0001");
     let patients = (1..=n).map(|k| {
@@ -659,7 +662,7 @@ pub fn many(root: &Path, n: usize) -> RunRecord {
     run(root, "many", patients.collect())
 }
 
-/// Patients whom something is missing or wrong with.
+/// Patients with missing data or failures.
 pub fn troubled(root: &Path) -> RunRecord {
     let folder = Folder { root };
     let [a, b, c, d] = [0, 1, 2, 4].map(|i| &PRINTED[i]);

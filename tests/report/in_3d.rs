@@ -1,4 +1,5 @@
-//! Patients whose organ is the finite-element ventricle: pictures, spread, cost, before and after.
+//! Patients with the finite-element ventricle as organ: pictures, spread over the nodes, cost,
+//! results before and after effects.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,7 @@ use crate::{assert_self_contained, fixture, html, words};
 /// Largest size of a patient's four pictures, bytes. Measured: 129 kB.
 const BYTES: usize = 150_000;
 
-/// `heart.json` as a beat of 02-CoA on 500 nodes left it.
+/// `heart.json` of a beat of 02-CoA on 500 nodes.
 const HEART: &str = include_str!("heart.json");
 
 fn keep<T>(record: &mut TaskRecord<T>, name: &str, file: &str, text: &str) {
@@ -113,7 +114,8 @@ fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
     }
 }
 
-/// One patient with all there is to show, one whose simulations were made before pictures were kept.
+/// One patient with everything that can be shown, and one whose simulations were made before
+/// pictures were kept.
 fn run(root: &Path) -> RunRecord {
     let mut run = fixture::cohort(root);
     run.patients.truncate(2);
@@ -236,13 +238,13 @@ fn the_pictures_are_seen_in_both_themes_and_on_a_narrow_screen() {
                 number("unpainted") == 0.0 && number("n") > 100.0,
                 "{picture}"
             );
-            // Even at end-diastole: shades of one colour and of the grey root.
+            // Even at end-diastole there are shades of one colour and of the grey root.
             assert!(
                 number("colours") >= if k % 2 == 0 { 4.0 } else { 20.0 },
                 "{k}: {picture}"
             );
         }
-        // The same view and scale at both instants.
+        // View and scale are the same at both instants.
         let height = |k: usize| pictures[k]["h"].as_f64().unwrap();
         assert!(
             (1..4).all(|k| (height(k) - height(0)).abs() < 0.5),

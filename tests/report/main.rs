@@ -1,4 +1,5 @@
-//! The report and the export of a finished run: in headless Chromium where it is installed, and as files.
+//! The report and the export of a finished run: as files, and in headless Chromium if it is
+//! installed.
 
 mod browser;
 mod export;
@@ -13,13 +14,13 @@ use cardiotwin::report::{ONE_FILE, write_report};
 use regex::Regex;
 use serde_json::Value;
 
-/// Largest size of a patient in the report, plots and all. Measured: about 75 kB.
+/// Largest size of a patient in the report, plots included. Measured: about 75 kB.
 const BYTES_PER_PATIENT: usize = 120_000;
 
 const WIDE: (u32, u32) = (1400, 4200);
 const NARROW: (u32, u32) = (500, 3000);
 
-/// Box of each plot, and whether its lines have data inside its own area.
+/// Script that returns the box of each plot, and whether its lines have data inside its own area.
 const PLOTS: &str = r#"
 return [...document.querySelectorAll("svg.plot")].map((svg) => {
   const box = svg.getBoundingClientRect();
@@ -109,7 +110,7 @@ fn the_report_says_what_happened() {
     }
 }
 
-/// Numbers of a row of the table of mean errors.
+/// Numbers of a row in the table of mean errors.
 fn means(text: &str, row: &str) -> Vec<f64> {
     let rest = text
         .split("Mean ± SD of the errors, %")
@@ -131,7 +132,7 @@ fn means(text: &str, row: &str) -> Vec<f64> {
 fn the_papers_patients_have_the_papers_mean_errors() {
     let (_folder, out) = seven();
     let text = words(&html(&out)).replace('\u{2212}', "-");
-    // Table 2 prints rounded biomarkers; a rate of 1.2 mmHg/ms alone is uncertain by 4 %.
+    // Table 2 prints rounded biomarkers: a rate of 1.2 mmHg/ms has a rounding error of up to 4 %.
     let rows = [
         ("P max", 0.4),
         ("dP/dt max", 1.5),
@@ -175,7 +176,7 @@ fn patients_in_trouble_say_what_is_missing_and_why() {
     ] {
         assert!(text.contains(expected), "missing: {expected}");
     }
-    // Who has not begun has no step and no time.
+    // A patient that has not begun has no step and no time.
     assert!(!text.contains("-0 ms") && !text.contains("-: waiting"));
 }
 
@@ -232,7 +233,8 @@ fn every_plot_is_drawn_inside_its_area_and_nothing_complains() {
     for window in [WIDE, NARROW] {
         let plots = browser.measure(&out, "", window, PLOTS);
         let plots = plots.as_array().unwrap();
-        // 2 of the cohort, 7 small; per patient 4 of the beat, 7 of step 1, 4 of the cell.
+        // 2 plots of the cohort and 7 small ones; per patient 4 of the beat, 7 of step 1 and 4 of
+        // the cell.
         assert_eq!(plots.len(), 2 + 7 + 7 * 15);
         for plot in plots {
             let drawn = plot["drawn"].as_array().unwrap();
@@ -280,7 +282,8 @@ fn a_screenshot_shows_every_line_in_both_themes() {
             .iter()
             .filter(|p| p["alt"].as_str().unwrap().contains("01-CoA"))
             .collect();
-        // The last of a name is the patient's own plot, the first the small one of the overview.
+        // The last plot with such a name is the patient's own, the first is the small one of the
+        // overview.
         for part in ["pressure of", "volume of", "pressure-volume loop of"] {
             let plot = traces
                 .iter()
@@ -311,7 +314,7 @@ fn a_screenshot_shows_every_line_in_both_themes() {
     }
 }
 
-/// Counts colours in the plots' boxes of a screenshot: the browser itself reads the image.
+/// Counts colours in the plots' boxes of a screenshot. The browser itself decodes the image.
 fn colours_in(
     browser: &Browser,
     folder: &Path,

@@ -1,4 +1,4 @@
-//! Measured traces of the bundled cohort and instants read off them.
+//! Measured traces of the bundled cohort, and time points read off them.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub fn measured(file: &Path) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Value at a time, between samples by a line.
+/// Value at a time, interpolated linearly between samples.
 pub fn at(points: &[(f64, f64)], t: f64) -> f64 {
     let i = points
         .partition_point(|p| p.0 < t)
@@ -32,14 +32,14 @@ fn first_crossing(points: &[(f64, f64)], from: usize, test: impl Fn(f64) -> bool
     points[from..].iter().find(|p| test(p.1)).map(|p| p.0)
 }
 
-/// Place of the largest value, of the smallest for a negative `sign`.
+/// Index of the largest value, or of the smallest for a negative `sign`.
 pub fn extreme(points: &[(f64, f64)], sign: f64) -> usize {
     (0..points.len())
         .max_by(|a, b| (sign * points[*a].1).total_cmp(&(sign * points[*b].1)))
         .expect("a trace has samples")
 }
 
-/// Instants of a measured beat.
+/// Time points of a measured beat.
 pub fn time_points(p: &[(f64, f64)], v: &[(f64, f64)]) -> TimePoints {
     let (top, bottom) = (extreme(p, 1.0), extreme(p, -1.0));
     let level = p[bottom].1 + 0.1 * (p[top].1 - p[bottom].1);

@@ -1,11 +1,12 @@
-//! Simulations in 3D where whole nodes are given: several nodes in one job, a driver on each.
+//! Simulations in 3D on a site that gives whole nodes: several nodes in one job, with a driver on
+//! each.
 
 use std::fs;
 
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK};
 
-/// Nodes of one core: a patient fills one.
+/// Nodes of one core, so that one patient fills a node.
 const WHOLE_NODES: &str = r#"
 name = "whole-nodes"
 description = "deploy/one-machine-slurm.sh, whole nodes"
@@ -29,12 +30,13 @@ max_nodes_per_job = 2
 max_running = 1
 "#;
 
-/// Three patients on two nodes: the one that is done first takes the third.
+/// Three patients on two nodes: the node that is free first takes the third patient.
 pub fn several_whole_nodes_in_one_job(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA", "05-CoA"], QUICK)
         .set("solver.fidelity=finite-element")
         .set("solver.finite_element.mesh_nodes=500")
-        // Two places are filled before a further job is: patients of an hour would each have a node of their own.
+        // Chains this short share places. With an hour each, every patient would have a node of its
+        // own.
         .set("executor.slurm.simulation_s=1");
     fs::write(cohort.site(), WHOLE_NODES).expect("a profile");
     assert_eq!(cohort.advance().code, 8);

@@ -1,16 +1,16 @@
-//! The Slurm that the tests run against.
+//! The Slurm on which the tests run.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-/// Far longer than a slow machine takes: reached only where something is wrong.
+/// Time limit far beyond the needs of a slow machine, which only a fault exceeds.
 pub const PATIENCE: Duration = Duration::from_secs(300);
 
-/// The script's exit code where Slurm's packages are missing and cannot be installed.
+/// Exit code of the script if Slurm's packages are missing and cannot be installed.
 const MISSING: i32 = 3;
 
-/// A Slurm made by deploy/one-machine-slurm.sh.
+/// A Slurm started by deploy/one-machine-slurm.sh.
 pub struct Cluster {
     folder: PathBuf,
     pub conf: PathBuf,
@@ -22,10 +22,12 @@ fn script() -> PathBuf {
 }
 
 impl Cluster {
-    /// The one that is there, or one that is started; without Slurm's packages and the right to install them, why not.
+    /// The running Slurm, or a new one. `Err` has the reason if Slurm's packages are missing and
+    /// cannot be installed.
     ///
     /// # Panics
-    /// A Slurm that is there and does not start: its tests were not run, and that is no success.
+    /// If Slurm is installed but does not start: its tests could not run, which must not count as
+    /// success.
     pub fn get() -> Result<Self, String> {
         if let Some(conf) = std::env::var_os("SLURM_CONF").map(PathBuf::from) {
             let folder = conf
@@ -41,7 +43,7 @@ impl Cluster {
                 });
             }
         }
-        // Paths of sockets are short.
+        // The folder has a short name because paths of sockets must be short.
         let folder = PathBuf::from(format!("/tmp/ct-slurm.{}", std::process::id()));
         let output = Command::new(script())
             .arg("start")
@@ -66,7 +68,7 @@ impl Cluster {
         command.output().expect("bash is there")
     }
 
-    /// Every daemon lives and every node is up, before a test begins.
+    /// Revives daemons and nodes, so that each test begins with all of them up.
     pub fn recover(&self) {
         let _ = self.slurm("scancel", &["--me"]);
         for daemon in ["slurmdbd", "slurmctld", "n1", "n2", "n3", "n4"] {
@@ -102,17 +104,17 @@ impl Cluster {
         self.pid(daemon).is_some_and(crate::cohort::lives)
     }
 
-    /// Kills a daemon as `kill -9` would.
+    /// Kills a daemon with `kill -9`.
     pub fn kill(&self, daemon: &str) {
         self.deploy("kill", Some(daemon));
     }
 
-    /// Starts it again.
+    /// Starts a killed daemon again.
     pub fn revive(&self, daemon: &str) {
         self.deploy("revive", Some(daemon));
     }
 
-    /// Sends a daemon a signal, by its pid.
+    /// Sends a signal to a daemon.
     pub fn signal(&self, daemon: &str, signal: rustix::process::Signal) {
         let pid = self
             .pid(daemon)
@@ -120,7 +122,7 @@ impl Cluster {
         rustix::process::kill_process(pid.expect("the daemon runs"), signal).expect("it is ours");
     }
 
-    /// Runs one of Slurm's commands; what it prints.
+    /// Runs one of Slurm's commands and returns its output.
     pub fn slurm(&self, program: &str, arguments: &[&str]) -> String {
         let output = Command::new(program)
             .args(arguments)
@@ -131,7 +133,7 @@ impl Cluster {
             .unwrap_or_default()
     }
 
-    /// Runs one of Slurm's commands that is refused; what it says of it.
+    /// Runs one of Slurm's commands that must be refused, and returns its error message.
     #[track_caller]
     pub fn refused(&self, program: &str, arguments: &[&str]) -> String {
         let output = Command::new(program)
@@ -147,13 +149,13 @@ impl Cluster {
         String::from_utf8_lossy(&output.stderr).into_owned()
     }
 
-    /// Waits until something holds.
+    /// Waits until a condition holds.
     #[track_caller]
     pub fn wait(&self, what: &str, holds: impl FnMut() -> bool) {
         self.wait_for(PATIENCE, what, holds);
     }
 
-    /// Waits so long until something holds.
+    /// Waits for at most `patience` until a condition holds.
     #[track_caller]
     pub fn wait_for(&self, patience: Duration, what: &str, mut holds: impl FnMut() -> bool) {
         let began = Instant::now();

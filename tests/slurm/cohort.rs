@@ -50,12 +50,12 @@ uses = ["chunks"]
 walltime = "24:00:00"
 "#;
 
-/// Done within a second.
+/// Settings of step 2 that take less than a second.
 pub const QUICK: &str = "popsize = 3\nmax_generations = 4\n";
-/// Step 2 goes on until it is stopped, and leaves checkpoints.
+/// Settings under which step 2 continues until it is stopped, and writes checkpoints.
 pub const SLOW: &str = "popsize = 500\nmax_generations = 1000000\ntol = 0.0\n";
 
-/// What a call said, and how it ended.
+/// Exit code and output of a call.
 #[derive(Debug)]
 pub struct Said {
     pub code: i32,
@@ -70,7 +70,7 @@ pub struct Cohort<'a> {
     settings: Vec<String>,
 }
 
-/// A built program.
+/// Path of a built program.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a test knows its own path");
     let path = test
@@ -86,34 +86,34 @@ pub fn binary(name: &str) -> PathBuf {
     path
 }
 
-/// The process that made a claim; a claim that is being written is none.
+/// Process id in a claim; `None` if the claim is not complete yet.
 pub fn pid_of(claim: &Path) -> Option<u32> {
     let claim: Value = serde_json::from_str(&fs::read_to_string(claim).ok()?).ok()?;
-    // A driver's claim holds that of its process.
+    // A driver's claim contains its process's claim.
     u32::try_from(claim["pid"].as_u64().or(claim["claim"]["pid"].as_u64())?).ok()
 }
 
-/// Sends the process that made a claim a signal, where it lives.
+/// Sends a signal to the process that made a claim, if it is alive.
 pub fn signal(claim: &Path, signal: Signal) {
     let pid = pid_of(claim)
         .and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?))
         .expect("a pid");
-    // It may have ended a moment ago.
+    // The process may have just ended.
     let _ = rustix::process::kill_process(pid, signal);
 }
 
-/// What became of a run's attempts, by their directories.
+/// Counts of a run's tasks and attempts, by their directories.
 #[derive(Debug, Default, Clone, Copy)]
 pub struct Tally {
-    /// Tasks with a result.
+    /// Number of tasks with a result.
     pub published: usize,
-    /// Tasks with more than one.
+    /// Number of tasks with more than one result.
     pub twice: usize,
-    /// Tasks that were begun again once they had a result.
+    /// Number of tasks that were begun again after they had a result.
     pub again: usize,
-    /// Attempts.
+    /// Number of attempts.
     pub attempts: usize,
-    /// Attempts that are not the first at their task.
+    /// Number of attempts other than the first of their task.
     pub repeated: usize,
 }
 
@@ -127,7 +127,7 @@ impl std::ops::AddAssign for Tally {
     }
 }
 
-/// Whether a process lives.
+/// Whether a process is alive. A zombie does not count.
 pub fn lives(pid: u32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit(')')
@@ -162,18 +162,18 @@ impl<'a> Cohort<'a> {
         }
     }
 
-    /// With a setting on top.
+    /// Adds a setting.
     pub fn set(mut self, setting: &str) -> Self {
         self.settings.push(setting.to_owned());
         self
     }
 
-    /// The site's profile.
+    /// Path of the site's profile.
     pub fn site(&self) -> String {
         self.folder.path().join("site.toml").display().to_string()
     }
 
-    /// Writes the profile anew with `from` replaced.
+    /// Rewrites the profile with `from` replaced.
     pub fn change_profile(&self, from: &str, to: &str) {
         let text = fs::read_to_string(self.site()).expect("the profile");
         assert!(text.contains(from), "{from} is not in {text}");
@@ -218,12 +218,12 @@ impl<'a> Cohort<'a> {
         }
     }
 
-    /// One tick.
+    /// Runs one tick.
     pub fn advance(&self) -> Said {
         self.call(&self.with_settings(&["advance"]))
     }
 
-    /// Ticks until it is over.
+    /// Starts a coordinator that ticks until the run is over.
     pub fn watch(&self) -> Child {
         let arguments = self.with_settings(&["run", "--watch", "--no-report"]);
         self.command(&arguments)
@@ -233,7 +233,7 @@ impl<'a> Cohort<'a> {
             .expect("the program starts")
     }
 
-    /// Advances until a tick says that nothing is left to do; its exit code.
+    /// Ticks until nothing is left to do, and returns the last exit code.
     #[track_caller]
     pub fn finish(&self) -> i32 {
         let began = std::time::Instant::now();
@@ -258,7 +258,7 @@ impl<'a> Cohort<'a> {
         serde_json::from_str(&said.out).unwrap_or_else(|error| panic!("{error}: {said:?}"))
     }
 
-    /// Advances until a job of this run runs; its number.
+    /// Ticks until a job of this run is running, and returns its number.
     #[track_caller]
     pub fn running_job(&self) -> String {
         let began = std::time::Instant::now();
@@ -296,7 +296,7 @@ impl<'a> Cohort<'a> {
         fs::read_to_string(self.jobs()[n].join("job.sh")).expect("a script")
     }
 
-    /// Attempt directories that hold this file.
+    /// Attempt directories that contain this file.
     pub fn attempts_with(&self, name: &str) -> Vec<PathBuf> {
         let folders = |path: &Path| -> Vec<PathBuf> {
             fs::read_dir(path)
@@ -314,7 +314,7 @@ impl<'a> Cohort<'a> {
             .collect()
     }
 
-    /// Workers at work: their claims.
+    /// Claims of the workers that are at work.
     pub fn workers(&self) -> Vec<PathBuf> {
         let begun = self
             .attempts_with("started.json")
@@ -326,7 +326,7 @@ impl<'a> Cohort<'a> {
             .collect()
     }
 
-    /// Waits until a worker is at step 2 and has left a checkpoint; its process.
+    /// Waits until a worker has written a checkpoint of step 2, and returns its process id.
     #[track_caller]
     pub fn wait_for_checkpoint(&self) -> u32 {
         let found = || {
@@ -347,7 +347,7 @@ impl<'a> Cohort<'a> {
         pid_of(&found().expect("it was there").join("started.json")).expect("a pid")
     }
 
-    /// Every patient is done, and nothing that was published was begun again.
+    /// Asserts that every patient is done, and that no published task was begun again.
     #[track_caller]
     pub fn assert_done(&self) {
         let status = self.status();
@@ -361,7 +361,7 @@ impl<'a> Cohort<'a> {
         );
     }
 
-    /// What became of the attempts.
+    /// Counts the run's tasks and attempts.
     pub fn tally(&self) -> Tally {
         let mut tasks: BTreeMap<String, Vec<(u32, bool)>> = BTreeMap::new();
         for folder in self.attempts_with("spec.json") {

@@ -1,4 +1,5 @@
-//! Endings that Slurm decides by its own clock, all of them at once: it looks every half minute.
+//! Endings that Slurm decides by its own clock. They are tested together, because Slurm checks only
+//! every half minute.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +10,7 @@ use serde_json::Value;
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, SLOW, is_revoked, lives, pid_of, signal};
 
-/// How far an attempt has reported to be.
+/// Times that an attempt has reported while simulating, ms.
 fn reports(attempt: &Path) -> Vec<f64> {
     let text = fs::read_to_string(attempt.join("progress.jsonl")).unwrap_or_default();
     let reports = text
@@ -21,7 +22,8 @@ fn reports(attempt: &Path) -> Vec<f64> {
         .collect()
 }
 
-/// The beat that a second job goes on with: its attempt in the first job and that in the second, once the latter has reported.
+/// The beat that a second job continues: its attempts in the first and in the second job, once the
+/// latter has reported.
 fn goes_on(cohort: &Cohort) -> Option<(PathBuf, PathBuf)> {
     cohort
         .attempts_with("progress.jsonl")
@@ -34,7 +36,7 @@ fn goes_on(cohort: &Cohort) -> Option<(PathBuf, PathBuf)> {
         })
 }
 
-/// Of the present attempt at a beat in 3D that is under way.
+/// Directory of the present attempt at a 3D beat that is under way.
 fn beat(cohort: &Cohort) -> Option<PathBuf> {
     let begun = cohort.attempts_with("progress.jsonl").into_iter();
     begun
@@ -42,13 +44,14 @@ fn beat(cohort: &Cohort) -> Option<PathBuf> {
         .find(|path| reports(path).last().is_some_and(|ms| *ms > 5.0))
 }
 
-/// A beat in 3D is warned by Slurm before its walltime, leaves a checkpoint and goes on in another job; a job that does not
-/// heed the warning is ended by Slurm, and what it left is gone on from; a job whose slurmd is killed (fault recipe c) is
-/// declared lost while it lives on, and publishes nothing.
+/// A beat in 3D is warned by Slurm before its walltime, writes a checkpoint and continues in
+/// another job. A job that ignores the warning is ended by Slurm, and its work continues from its
+/// checkpoint. A job whose slurmd is killed (fault recipe c) is declared lost while it lives on,
+/// and publishes nothing.
 pub fn walltimes_and_a_killed_slurmd(cluster: &Cluster) {
     let orphan = Cohort::of(cluster, &["01-CoA"], SLOW).set("executor.slurm.queue=standard");
     let lost = orphan.running_job();
-    // Steps so short that the beat takes a minute or so.
+    // The time steps are so short that the beat takes about a minute.
     let warned = Cohort::of(cluster, &["02-CoA"], SLOW)
         .set("solver.fidelity=finite-element")
         .set("solver.finite_element.mesh_nodes=500")
@@ -66,14 +69,15 @@ pub fn walltimes_and_a_killed_slurmd(cluster: &Cluster) {
     cluster.kill(&node);
 
     late.wait_for_checkpoint();
-    // Neither script nor driver hear the warning.
+    // Neither script nor driver receives the warning.
     signal(&late.jobs()[0].join("started-0-0.json"), Signal::STOP);
     cluster.slurm(
         "scontrol",
         &["update", &format!("jobid={late_job}"), "endtime=now+1"],
     );
     cluster.wait("a beat under way", || beat(&warned).is_some());
-    // Later than Slurm looks next, sooner than what the warning and that take together.
+    // Later than Slurm's next check, but sooner than the time of the warning and that check
+    // together.
     cluster.slurm(
         "scontrol",
         &["update", &format!("jobid={warned_job}"), "endtime=now+80"],
@@ -90,7 +94,7 @@ pub fn walltimes_and_a_killed_slurmd(cluster: &Cluster) {
     let word = fs::read_to_string(warned.jobs()[0].join("ended-0-0.json"))
         .expect("the driver's last word");
     assert!(word.contains("out-of-time"), "{word}");
-    // On a fast machine it is a later beat than the one that was seen above.
+    // On a fast machine this is a later beat than the one seen above.
     cluster.wait("the beat that goes on", || goes_on(&warned).is_some());
     let (first, second) = goes_on(&warned).expect("it was there");
     let left_at_ms = *reports(&first).last().expect("it reported");
@@ -112,7 +116,7 @@ pub fn walltimes_and_a_killed_slurmd(cluster: &Cluster) {
         "{}",
         orphan.script(1)
     );
-    // It was revoked: it leaves by itself and has published nothing.
+    // The orphan was revoked: it leaves by itself and has published nothing.
     cluster.wait("the end of the orphan", || !lives(worker));
     let claimed = |path: &PathBuf| pid_of(&path.join("started.json")) == Some(worker);
     let attempt = orphan

@@ -6,7 +6,7 @@ use serde_json::Value;
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK, SLOW};
 
-/// The only patient, as `status` has it.
+/// The only patient's status.
 fn patient(cohort: &Cohort) -> Value {
     cohort.status()["patients"][0].clone()
 }
@@ -14,7 +14,8 @@ fn patient(cohort: &Cohort) -> Value {
 pub fn a_job_that_a_person_cancels_stays_cancelled(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
     let job = cohort.running_job();
-    // Root's `scancel` before the driver has begun is Slurm's own in all that accounting says (`cancelled.rs`).
+    // In accounting, root's `scancel` before the driver has begun looks like a cancellation by
+    // Slurm (`cancelled.rs`).
     cohort.wait_for_checkpoint();
     cluster.slurm("scancel", &[&job]);
     assert_eq!(cohort.finish(), 1);
@@ -22,7 +23,7 @@ pub fn a_job_that_a_person_cancels_stays_cancelled(cluster: &Cluster) {
     assert_eq!(status["patients"][0]["state"], "cancelled", "{status:#}");
     assert_eq!(cohort.advance().code, 1, "it stays so");
     assert_eq!(cohort.jobs().len(), 1);
-    // Until it is asked for again.
+    // It stays so until it is requested again.
     cohort.make_quick();
     assert_eq!(cohort.call(&["retry", "01-CoA"]).code, 0);
     assert_eq!(cohort.finish(), 0);
@@ -34,7 +35,7 @@ pub fn cancel_ends_the_job_and_waits_for_it(cluster: &Cluster) {
     let job = cohort.running_job();
     let said = cohort.call(&["cancel", "--all"]);
     assert_eq!(said.code, 0, "{said:?}");
-    // The driver's own word that it has left may come before Slurm has put its node in order (COMPLETING).
+    // The driver may report its end before Slurm has cleaned up its node (COMPLETING).
     let left = cluster.slurm(
         "squeue",
         &["--me", "-h", "-j", &job, "-t", "pending,running,suspended"],
@@ -69,7 +70,7 @@ pub fn a_lost_node_is_avoided(cluster: &Cluster) {
         "{}",
         cohort.script(1)
     );
-    // What it had done is not done again, and its last step goes on from the checkpoint.
+    // Finished work is not repeated, and the last step continues from the checkpoint.
     let begun = cohort.attempts_with("started.json");
     let again = begun
         .iter()
@@ -97,7 +98,7 @@ pub fn a_warning_leaves_a_checkpoint_and_another_job_goes_on(cluster: &Cluster) 
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
     let job = cohort.running_job();
     cohort.wait_for_checkpoint();
-    // As Slurm does before the walltime: the warning goes to the script, which hands it on.
+    // As Slurm does before the walltime: the script receives the warning and passes it on.
     cluster.slurm("scancel", &["--signal=USR1", "--batch", &job]);
     cluster.wait("the job's last word", || {
         cohort.jobs()[0].join("ended-0-0.json").exists()
@@ -169,7 +170,7 @@ pub fn a_killed_worker_is_tried_again(cluster: &Cluster) {
 }
 
 pub fn a_full_queue_is_waited_for(cluster: &Cluster) {
-    // ARCHER2's `serial` takes 32 jobs of a user; held ones count.
+    // ARCHER2's `serial` takes 32 jobs of a user, and held jobs count.
     let filler = [
         "--hold",
         "--partition=serial",
@@ -226,7 +227,7 @@ pub fn a_preempted_job_is_submitted_again(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW).set("executor.slurm.queue=scavenge");
     cohort.running_job();
     cohort.wait_for_checkpoint();
-    // A job of a partition that comes first takes all nodes.
+    // A job in a partition of higher priority takes all nodes.
     let urgent = [
         "--parsable",
         "--partition=main",
@@ -259,7 +260,7 @@ pub fn a_preempted_job_is_submitted_again(cluster: &Cluster) {
 }
 
 pub fn a_divergence_is_the_sciences_and_no_job_is_repeated(cluster: &Cluster) {
-    // One iteration of Newton's method and no shorter step: no beat can be simulated.
+    // With one Newton iteration and no shorter step, no beat can be simulated.
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK)
         .set("solver.newton_iterations=1")
         .set("solver.shortest_step_ms=1");
@@ -282,7 +283,7 @@ pub fn a_divergence_is_the_sciences_and_no_job_is_repeated(cluster: &Cluster) {
 
 pub fn bad_input_is_never_tried_again(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
-    // After it was planned, and before anything reads it.
+    // The trace is damaged after the planning and before any task reads it.
     let trace = cohort.folder.path().join("patients/01-CoA/pressure.csv");
     let sound = std::fs::read(&trace).expect("a trace");
     let damage = format!(
@@ -294,7 +295,7 @@ pub fn bad_input_is_never_tried_again(cluster: &Cluster) {
     cluster.wait("the job's last word", || {
         cohort.jobs()[0].join("ended-0-0.json").exists()
     });
-    // Repaired: what was found all the same stays found until it is asked for again.
+    // The trace is repaired, but the failure stays until a retry is requested.
     std::fs::write(&trace, &sound).expect("a trace");
     cohort.change_profile(&damage, "[node]\n");
     assert_eq!(cohort.finish(), 1);
@@ -344,7 +345,8 @@ pub fn a_worker_that_aborts_is_a_defect_and_stops(cluster: &Cluster) {
     assert!(logs.out.contains("driver ended"), "{logs:?}");
 }
 
-/// Fault recipe (h): where whole nodes are given a core is charged as a node, so that one is filled.
+/// Fault recipe (h): on a site that gives whole nodes a core is charged as a node, so nodes are
+/// filled.
 pub fn a_whole_node_is_filled(cluster: &Cluster) {
     let patients = ["01-CoA", "02-CoA", "03-CoA", "05-CoA"];
     let cohort = Cohort::of(cluster, &patients, QUICK).set("executor.slurm.queue=standard");
@@ -367,7 +369,7 @@ pub fn a_whole_node_is_filled(cluster: &Cluster) {
     );
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
-    // One after the other they would not have overlapped.
+    // In sequence the attempts would not have overlapped.
     let claims = cohort.attempts_with("started.json");
     assert!(claims.len() > 5 * patients.len());
     assert_eq!(claims.len(), cohort.attempts_with("outcome.json").len());

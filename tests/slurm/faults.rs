@@ -1,4 +1,4 @@
-//! The scheduler and the coordinator fail; results do not.
+//! Failures of the scheduler and the coordinator, which must not affect results.
 
 use rustix::process::Signal;
 
@@ -7,7 +7,7 @@ use crate::cohort::{Cohort, QUICK, SLOW};
 
 pub fn no_accounting_is_needed(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
-    cohort.call(&["advance"]); // what the site tells is remembered
+    cohort.call(&["advance"]); // the site's limits are remembered
     cluster.kill("slurmdbd");
     assert_eq!(cohort.finish(), 0);
     cohort.assert_done();
@@ -16,7 +16,8 @@ pub fn no_accounting_is_needed(cluster: &Cluster) {
 
 pub fn a_frozen_controller_has_the_job_all_the_same(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
-    // A program before sbatch that freezes the controller first: squeue has been answered by then.
+    // A program in place of sbatch that freezes the controller first. squeue has been answered by
+    // then.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("sbatch");
     let pid_file = cluster
@@ -51,11 +52,11 @@ pub fn a_frozen_controller_has_the_job_all_the_same(cluster: &Cluster) {
     );
 }
 
-/// Of two ticks at once one works; one that is killed does not hold up the next.
+/// Of two simultaneous ticks only one works, and a killed tick does not delay the next.
 pub fn of_two_ticks_at_once_one_works(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
     assert_eq!(cohort.advance().code, 8);
-    // A program before squeue that never ends: a tick that asks it holds the lease.
+    // A program in place of squeue that never ends, so that a tick which calls it holds the lease.
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("squeue");
     std::fs::write(
@@ -91,7 +92,7 @@ pub fn of_two_ticks_at_once_one_works(cluster: &Cluster) {
     cohort.assert_done();
 }
 
-/// Killed at each of its first crash points, with jobs on the real cluster.
+/// The coordinator is killed at each of its first crash points, with jobs on the real cluster.
 pub fn a_killed_coordinator_is_continued(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA"], QUICK);
     for point in 1..=20 {
@@ -107,7 +108,7 @@ pub fn a_killed_coordinator_is_continued(cluster: &Cluster) {
         cohort.attempts_with("started.json").len(),
         cohort.attempts_with("outcome.json").len()
     );
-    // A coordinator that stays is killed as well, and costs nothing.
+    // A coordinator that keeps watching is killed as well, without any loss.
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
     let mut watching = cohort.watch();
     cluster.wait("its job", || {

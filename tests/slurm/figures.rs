@@ -1,4 +1,4 @@
-//! Figures of docs/benchmarks.md that need a real Slurm: what a sweep costs beside its arithmetic.
+//! Figures of docs/benchmarks.md that need a real Slurm: the cost of a sweep beyond its arithmetic.
 
 use std::fs;
 use std::time::Instant;
@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK};
 
-/// Nodes of four cores, jobs so short that each node is given one.
+/// Nodes of four cores, with jobs so short that each node gets one.
 const FOUR_NODES: &str = r#"
 name = "four-nodes"
 description = "deploy/one-machine-slurm.sh, whole nodes"
@@ -30,7 +30,7 @@ uses = ["chunks", "simulations"]
 walltime = "00:08:00"
 "#;
 
-/// Processor time of processes that ended and were waited for, s.
+/// Processor time of child processes that have ended and been waited for, s.
 fn children_cpu_s() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").expect("a process knows itself");
     let fields: Vec<&str> = stat
@@ -43,14 +43,15 @@ fn children_cpu_s() -> f64 {
     (ticks(13) + ticks(14)) / 100.0
 }
 
-/// `[[DD-]HH:]MM:SS.mmm`, as sacct writes processor time.
+/// Reads sacct's processor time, `[[DD-]HH:]MM:SS.mmm`, s.
 fn seconds(text: &str) -> f64 {
     text.trim().split([':', '-']).fold(0.0, |total, part| {
         total * 60.0 + part.parse::<f64>().unwrap_or(0.0)
     })
 }
 
-/// 45,056 samples of the sensitivity analysis on four nodes: processor time of everything that is ours, for each sample.
+/// 45,056 samples of the sensitivity analysis on four nodes: processor time per sample of all of
+/// the project's processes.
 pub fn a_sensitivity_analysis_on_four_nodes(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &[], QUICK);
     fs::write(cohort.site(), FOUR_NODES).expect("a profile");
@@ -97,7 +98,7 @@ pub fn a_sensitivity_analysis_on_four_nodes(cluster: &Cluster) {
                 .into_owned()
         })
         .collect::<Vec<_>>();
-    // Of steps: srun's, with driver and workers, and the script's.
+    // Rows of the jobs' steps: srun's step, with driver and workers, and the script's.
     let accounted = || {
         let columns = ["-n", "-P", "-o", "JobID,TotalCPU,NodeList,State", "--name"];
         let text = cluster.slurm("sacct", &[&columns[..], &[&names.join(",")]].concat());

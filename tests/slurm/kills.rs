@@ -1,4 +1,5 @@
-//! A cohort comes to its end whatever is killed meanwhile: nothing is lost, published twice, or begun again once it is done.
+//! A cohort reaches its end whatever is killed meanwhile: no result is lost or published twice, and
+//! no finished task is begun again.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -13,7 +14,7 @@ use crate::cohort::{Cohort, QUICK, Tally, lives, pid_of, signal};
 const SEVEN: [&str; 7] = [
     "01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA",
 ];
-/// The paper's search, shorter.
+/// The paper's search, shortened.
 const STEP2: &str = "popsize = 5\nmax_generations = 60\n";
 const NODES: [&str; 4] = ["n1", "n2", "n3", "n4"];
 
@@ -27,7 +28,7 @@ fn in_3d<'a>(cluster: &'a Cluster, patients: &[&str], step2: &str) -> Cohort<'a>
         .set("executor.slurm.free_repeats=1000")
 }
 
-/// Drivers at work: their claims.
+/// Claims of the drivers that are at work.
 fn drivers(cohort: &Cohort) -> Vec<PathBuf> {
     let files = cohort
         .jobs()
@@ -42,7 +43,7 @@ fn drivers(cohort: &Cohort) -> Vec<PathBuf> {
         .collect()
 }
 
-/// The coordinator, begun again where it is dead.
+/// A coordinator that is started again when it is dead.
 struct Coordinator<'a> {
     cohort: &'a Cohort<'a>,
     process: Child,
@@ -61,7 +62,8 @@ impl<'a> Coordinator<'a> {
         self.process.wait().expect("it is ours");
     }
 
-    /// Whether it ended by itself: everything is over. Where it left for another reason it is begun again.
+    /// Whether the coordinator ended because everything is over. If it ended for another reason, it
+    /// is started again.
     #[track_caller]
     fn is_over(&mut self) -> bool {
         match self
@@ -101,22 +103,22 @@ impl Drop for Coordinator<'_> {
     }
 }
 
-/// Coordinator, database daemon, controller and a worker are killed; with `by_slurms_clock` a slurmd, too, and one job runs
-/// into its walltime.
+/// Kills the coordinator, the database daemon, the controller and a worker. With `by_slurms_clock`
+/// a slurmd is killed, too, and one job runs into its walltime.
 fn every_kind_of_kill(cluster: &Cluster, cohort: &Cohort, by_slurms_clock: bool) -> Tally {
     let mut coordinator = Coordinator::start(cohort);
     cluster.wait("workers", || !cohort.workers().is_empty());
     coordinator.kill();
     cluster.kill("slurmdbd");
     cluster.kill("slurmctld");
-    coordinator = Coordinator::start(cohort); // it meets neither
+    coordinator = Coordinator::start(cohort); // neither of them answers it
     cluster.wait("a worker", || !cohort.workers().is_empty());
     cohort
         .workers()
         .first()
         .into_iter()
         .for_each(|claim| signal(claim, Signal::KILL));
-    cluster.revive("slurmdbd"); // without it a controller that has just been killed does not start
+    cluster.revive("slurmdbd"); // without it a killed controller does not start
     cluster.revive("slurmctld");
     let mut down = None;
     if by_slurms_clock {
@@ -155,7 +157,7 @@ pub fn a_cohort_in_3d_survives_kills(cluster: &Cluster) {
     assert!(tally.published > 10, "{tally:?}");
 }
 
-/// Minutes; its table is in docs/slurm.md.
+/// Takes minutes; its table is in docs/slurm.md.
 pub fn seven_patients_in_3d_survive_kills(cluster: &Cluster) {
     let cohort = in_3d(cluster, &SEVEN, STEP2);
     let began = Instant::now();
@@ -167,10 +169,10 @@ pub fn seven_patients_in_3d_survive_kills(cluster: &Cluster) {
     );
 }
 
-/// How long three kills of four wait for a worker to be at work.
+/// Time for which three of four kills wait for a worker at work.
 const WAIT: Duration = Duration::from_secs(20);
 
-/// A series of numbers that look random.
+/// A generator of pseudo-random numbers.
 struct Series(u64);
 
 impl Series {
@@ -183,8 +185,8 @@ impl Series {
     }
 }
 
-/// `CARDIOTWIN_KILLS` kills (100) over as many cohorts as that takes, three of four waiting for a worker at work; its table
-/// is in docs/slurm.md.
+/// `CARDIOTWIN_KILLS` kills (100 by default) over as many cohorts as needed. Three of four kills
+/// wait for a worker at work. The table is in docs/slurm.md.
 pub fn a_hundred_random_kills(cluster: &Cluster) {
     let number = |name: &str, else_: u64| {
         std::env::var(name)
@@ -204,13 +206,14 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
             .set("executor.slurm.memory_MiB=120000")
             .set("executor.site_retries=100")
             .set("executor.slurm.free_repeats=1000")
-            // So slow that there is something to kill.
+            // Steps so short that there is time to kill something.
             .set("solver.time_step_ms=0.05")
             .set("solver.shortest_step_ms=0.01");
         let mut coordinator = Coordinator::start(&cohort);
         let mut down: Vec<(&str, Instant)> = Vec::new();
         let since = Instant::now();
-        // How long the next kill waits for work that it can hurt: with a kill a second, nothing would ever run.
+        // Time until which the next kill waits for a worker: with a kill per second, nothing would
+        // ever run.
         let mut waits_until = Instant::now() + WAIT;
         while !coordinator.is_over() {
             assert!(
@@ -218,7 +221,7 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
                 "it does not end: {:#}",
                 cohort.status()
             );
-            // Daemons come back after a while: a slurmd sooner or later than its jobs are given up.
+            // Daemons come back after a while: a slurmd before or after its jobs are given up.
             down.retain(|(daemon, at)| {
                 let is_due = at <= &Instant::now();
                 is_due.then(|| cluster.revive(daemon));

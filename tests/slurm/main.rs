@@ -1,7 +1,9 @@
-//! The coordinator against a real Slurm on this machine: cohorts, every class of failure, the scheduler's own faults.
+//! The coordinator on a real Slurm on this machine: cohorts, every class of failure, faults of the
+//! scheduler itself.
 //!
-//! A harness of its own: one Slurm is started for all tests, unless `SLURM_CONF` names one whose folder
-//! `deploy/one-machine-slurm.sh` made, and stopped by its pids at the end. Where none can be had the tests say so.
+//! A test harness of its own: one Slurm is started for all tests and stopped by its process ids at
+//! the end, unless `SLURM_CONF` points to one whose folder was made by
+//! `deploy/one-machine-slurm.sh`. Without a Slurm the tests are skipped with a message.
 
 mod bundles;
 mod cluster;
@@ -21,7 +23,7 @@ use std::time::Instant;
 
 use cluster::Cluster;
 
-/// A test: its name, and what it does.
+/// Name and function of a test.
 type Test = (&'static str, fn(&Cluster));
 
 const TESTS: &[Test] = &[
@@ -134,7 +136,8 @@ const TESTS: &[Test] = &[
     ),
 ];
 
-/// Run where they are asked for with `--ignored` (`make slurm-kills`): they take minutes, and print figures for the docs.
+/// Tests that run only with `--ignored` (`make slurm-kills`): they take minutes, and print figures
+/// for the documentation.
 const LONG: &[Test] = &[
     (
         "several whole nodes in one job",

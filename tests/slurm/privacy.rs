@@ -1,4 +1,5 @@
-//! What the scheduler and other users can see of a patient: the pseudonym, and nothing else of what `patient.toml` names.
+//! What the scheduler and other users can see of a patient: the pseudonym, and no other content of
+//! `patient.toml`.
 
 use std::fs;
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
@@ -7,7 +8,8 @@ use std::path::{Path, PathBuf};
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, SLOW};
 
-/// A name, a hospital's number and a date of birth, as they stand in the names of recordings and in remarks.
+/// A name, a hospital number and a date of birth, as they occur in the names of recordings and in
+/// remarks.
 const IDENTIFIERS: [&str; 3] = ["Lovelace", "MRN-0042-17", "1815-12-10"];
 
 fn finds(text: &str) -> Option<&'static str> {
@@ -28,7 +30,8 @@ fn below(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Command lines and environments that other users can read in /proc; environments are their owner's.
+/// Command lines of all processes, which other users can read in /proc. Environments are readable
+/// by their owner only.
 fn command_lines() -> Vec<String> {
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     processes
@@ -48,7 +51,7 @@ pub fn nothing_but_the_pseudonym_is_seen(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW);
     let patient = cohort.folder.path().join("patients/01-CoA");
     let [name, number, born] = IDENTIFIERS;
-    // The recordings' names, and a remark in the patient's file.
+    // The identifiers are in the recordings' names and in a remark in the patient's file.
     let renamed = [
         ("pressure", format!("{name}_{number}.csv")),
         ("volume", format!("volume {born}.csv")),
@@ -66,7 +69,7 @@ pub fn nothing_but_the_pseudonym_is_seen(cluster: &Cluster) {
         !cohort.workers().is_empty() && cohort.attempts_with("outcome.json").len() > 3
     });
 
-    // The files of other users' business: what the job is told hold the recordings' paths, and must be its owner's alone.
+    // The job's files contain the recordings' paths, and must not be open to other users.
     let holds = below(&run)
         .into_iter()
         .filter(|path| fs::read(path).is_ok_and(|b| finds(&String::from_utf8_lossy(&b)).is_some()));
@@ -96,7 +99,8 @@ pub fn nothing_but_the_pseudonym_is_seen(cluster: &Cluster) {
             assert_eq!(finds(&text), None, "{shown}: {text}");
         }
     }
-    // What Slurm shows anybody: names, comments, folders, scripts, arrays, users' fields.
+    // Data that Slurm shows to every user: names, comments, folders, scripts, arrays, users'
+    // fields.
     let me = fs::metadata(&run).expect("the run").uid().to_string();
     let everything = [
         cluster.slurm("squeue", &["--format=%all"]),

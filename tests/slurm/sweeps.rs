@@ -1,5 +1,5 @@
-//! Sweeps as jobs: Sobol chunks that go on at their first missing sample, personalisations packed into arrays, arrays that
-//! the scheduler takes.
+//! Sweeps as jobs: Sobol chunks that continue at their first missing sample, personalisations
+//! packed into arrays, and array sizes that the scheduler accepts.
 
 use std::fs;
 use std::path::Path;
@@ -9,10 +9,10 @@ use rustix::process::Signal;
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK, signal};
 
-/// Blocks of 44 samples: seconds of work.
+/// Number of blocks of 44 samples each, which take seconds.
 const BLOCKS: &str = "384";
 
-/// Sound lines of a log of samples: all that end.
+/// Complete lines in a log of samples, which end with a line break.
 fn logged(attempt: &Path) -> Vec<String> {
     let text = fs::read_to_string(attempt.join("checkpoint/samples")).unwrap_or_default();
     text.split_inclusive('\n')
@@ -85,7 +85,7 @@ pub fn a_killed_chunk_goes_on_at_its_first_missing_sample(cluster: &Cluster) {
             .is_some_and(|done| done >= left.len() as f64),
         "{begun}"
     );
-    // The same on this machine in one go gives the same numbers.
+    // The same sweep in one go on this machine gives the same numbers.
     assert_eq!(sweep(&["--out", "here"]).code, 0);
     let result = |folder: &str| {
         let path = cohort
@@ -98,7 +98,7 @@ pub fn a_killed_chunk_goes_on_at_its_first_missing_sample(cluster: &Cluster) {
     assert_eq!(result("run"), result("here"));
 }
 
-/// Two whole personalisations on a coarse mesh in 3D, each an element of an array.
+/// Two whole personalisations on a coarse mesh in 3D, each as an element of an array.
 pub fn a_robustness_sweep_in_3d_is_packed_into_an_array(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["02-CoA"], QUICK);
     let site = cohort.site();
@@ -144,7 +144,8 @@ pub fn a_robustness_sweep_in_3d_is_packed_into_an_array(cluster: &Cluster) {
     assert_eq!(members.lines().count(), 3, "{members}");
 }
 
-/// Fault recipe (e): an array above MaxArraySize is no array. The profile does not know Slurm's; Slurm tells it.
+/// Fault recipe (e): an array above MaxArraySize is refused. The profile does not contain Slurm's
+/// limit, but Slurm reports it.
 pub fn arrays_are_split_where_slurm_says(cluster: &Cluster) {
     let refused = cluster.refused("sbatch", &["--array=0-1001", "--hold", "--wrap=true"]);
     assert!(
@@ -156,7 +157,7 @@ pub fn arrays_are_split_where_slurm_says(cluster: &Cluster) {
         "[arrays]\nallowed = true\n",
         "[arrays]\nallowed = true\nmax_size = 100000\n",
     );
-    // Nothing of it is to run.
+    // No job is to run.
     cluster.slurm("scontrol", &["update", "partitionname=main", "state=down"]);
     let site = cohort.site();
     let what = [
@@ -199,6 +200,6 @@ pub fn arrays_are_split_where_slurm_says(cluster: &Cluster) {
                 + 1
         })
         .collect();
-    // Of 1101 personalisations, each an element of its own.
+    // 1101 personalisations, each an element of its own.
     assert_eq!(sizes, [1001, 100], "{said:?}");
 }

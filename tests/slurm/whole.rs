@@ -33,7 +33,7 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
         1,
         "one array, whatever the number of iterations"
     );
-    // Ticks come and go; the one that ends it tells so, and no later one.
+    // The tick that ends the run sends the notice, and no later tick does.
     cohort.advance();
     let told = fs::read_to_string(&heard).expect("the hook was called");
     assert_eq!(told.matches("\"event\": \"done\"").count(), 1, "{told}");
@@ -57,7 +57,7 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
     ] {
         assert!(script.contains(part), "{part} is not in\n{script}");
     }
-    // The same on this machine gives the same numbers.
+    // The same cohort on this machine gives the same numbers.
     let there = cohort.call(&[
         "run",
         "--executor",
@@ -75,7 +75,8 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
 pub fn a_tick_takes_two_commands(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], crate::cohort::SLOW);
     cohort.running_job();
-    // A folder of programs before Slurm's own, which count and call them.
+    // A folder of programs that precede Slurm's own in the path, count their calls and pass them
+    // on.
     let counting = tempfile::tempdir().expect("a folder");
     for program in [
         "squeue", "sacct", "sbatch", "scancel", "scontrol", "sacctmgr",
@@ -172,7 +173,8 @@ pub fn a_job_that_submits_itself_brings_a_cohort_to_its_end(cluster: &Cluster) {
     );
 }
 
-/// Where hosts share the files: no write-ahead log, readers read what was published, a copy can be taken and read.
+/// On a file system that hosts share there is no write-ahead log, readers use the published
+/// snapshot, and a backup can be made and read.
 pub fn a_run_on_a_shared_file_system_is_read_from_a_snapshot(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK);
     let shared = |arguments: &[&str]| {
@@ -198,7 +200,7 @@ pub fn a_run_on_a_shared_file_system_is_read_from_a_snapshot(cluster: &Cluster) 
         );
         std::thread::sleep(std::time::Duration::from_millis(200));
     }
-    // The database itself is locked by somebody: readers do not notice.
+    // The database itself is locked, which readers do not notice.
     std::fs::write(run.join("cardiotwin.db-journal"), "x").expect("a journal");
     assert!(
         shared(&["status"]).1.contains("1 done"),
@@ -214,7 +216,8 @@ pub fn a_run_on_a_shared_file_system_is_read_from_a_snapshot(cluster: &Cluster) 
     assert!(cohort.call(&["status", "copies"]).out.contains("1 done"));
 }
 
-/// The bundled solver in Python takes our own's place, and a worker is killed amid one of its simulations.
+/// The bundled solver in Python replaces the built-in one, and a worker is killed during one of its
+/// simulations.
 pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
     if !std::process::Command::new("python3")
         .arg("--version")
@@ -227,7 +230,7 @@ pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA"], QUICK);
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/external-solver/lv.py");
     let solver = fs::read_to_string(source).expect("the example");
-    // Longer than a moment, so that the kill comes in between.
+    // Each call takes long enough to be interrupted by the kill.
     let slow = solver.replacen(
         "def main():",
         "def main():\n    import time\n    time.sleep(0.5)",
@@ -261,7 +264,7 @@ pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
     );
 }
 
-/// With a launcher each 3D simulation of a job is a step of its own, on ranks.
+/// With a launcher each 3D simulation of a job is a step of its own, on MPI ranks.
 pub fn a_beat_in_3d_runs_on_mpi_ranks_of_its_job(cluster: &Cluster) {
     let worker = crate::cohort::binary("cardiotwin-worker").with_file_name("cardiotwin-worker-mpi");
     let plugins = cluster.slurm("srun", &["--mpi=list"]);

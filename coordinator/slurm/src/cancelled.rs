@@ -1,52 +1,60 @@
-//! Who cancelled a job that Slurm shows as CANCELLED: a person, who is obeyed, or Slurm itself, whose reasons are the site's.
+//! Canceller of a job that Slurm shows as CANCELLED: a person, whose wish holds, or Slurm itself,
+//! which counts as a failure of the site.
 //!
-//! A controller that lost its state hands numbers out again, meets the earlier job on its node, and cancels the new one as it
-//! starts: it had a node, ran for 0 s, never came to run its script, and is `CANCELLED by` the controller's own user, often
-//! seconds after the queue has it so. Hence CANCELLED alone is no person. In this order:
-//! 1. Accounting names the job's own user, who is not root: a person. Where it names somebody else it is one, too, an
-//!    administrator, unless the job was cancelled as it started, as above: then it was Slurm.
-//! 2. Accounting has the job as cancelled and names nobody: Slurm.
-//! 3. Accounting has the job as alive, does not know it, or does not answer: it is asked again, for a grace or more.
-//! 4. Then, and at once where a site has no accounting, the job's own evidence counts: a job that never had a node, or whose
-//!    processes were asked to end, was cancelled by a person. Slurm sends SIGTERM for `scancel`, but a controller that lost its
-//!    state does, too, to what it does not know any more: hence the long wait for accounting where there is one.
-//! 5. Without any of these it was Slurm, once the grace is over.
+//! A controller that lost its state hands out numbers again. If it finds the earlier job of a
+//! number on its node, it cancels the new job as that starts: the new job had a node, ran for 0 s,
+//! never ran its script, and is `CANCELLED by` the controller's own user, often seconds after the
+//! queue shows it as such. CANCELLED alone therefore does not show that a person cancelled the job.
+//! The rules, in this order:
+//! 1. Accounting names the job's own user, who is not root: a person. Another named user is a
+//!    person as well, an administrator, unless the job was cancelled as it started, as above: then
+//!    it was Slurm.
+//! 2. Accounting shows the job as cancelled and names no user: Slurm.
+//! 3. Accounting shows the job as live, does not list it, or does not answer: it is asked again,
+//!    for one grace time or more.
+//! 4. After that, or at once on a site without accounting, the job's own evidence decides: a job
+//!    that never had a node, or whose processes were asked to end, was cancelled by a person. Slurm
+//!    sends SIGTERM for `scancel`, but a controller that lost its state also sends it to jobs that
+//!    it no longer knows, hence the long wait for accounting on a site that has it.
+//! 5. Without any such evidence it was Slurm, once the grace time is over.
 
 use crate::job_status::{Accounting, Ended};
 use crate::state::SlurmState;
 
-/// What the job itself left, and how long the question is open.
+/// Evidence from the job's own folder, and the state of the inquiry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OwnTraces {
-    /// Its script came to run our driver.
+    /// Whether the job's script started the driver.
     pub began: bool,
-    /// Its processes were asked to end, other than by the warning before their walltime.
+    /// Whether the job's processes were asked to end, other than by the warning before the
+    /// walltime.
     pub asked_to_end: bool,
-    /// Who submitted it, by user id.
+    /// User id of the submitter.
     pub uid: u32,
-    /// Whether the site has no accounting that could tell.
+    /// Whether the site has no accounting.
     pub no_accounting: bool,
-    /// Whether the wait for what lags is over.
+    /// Whether the wait for lagging sources is over.
     pub waited: bool,
 }
 
-/// Who it was.
+/// Canceller of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Canceller {
-    /// A person: it stays cancelled.
+    /// A person cancelled the job, so it stays cancelled.
     Person,
-    /// Slurm: the site's failure.
+    /// Slurm cancelled the job, which is a failure of the site.
     Slurm,
-    /// Not to be told yet: look again.
+    /// The canceller is not known yet: look again.
     Unclear,
 }
 
-/// Who cancelled a job that the queue or accounting has as CANCELLED, and that we did not ask to be cancelled.
+/// Decides who cancelled a job that the queue or accounting shows as CANCELLED and that the
+/// coordinator did not cancel.
 #[must_use]
 pub fn by_whom(ended: &Ended, own: OwnTraces) -> Canceller {
     debug_assert_eq!(ended.state, SlurmState::Cancelled);
     let at_its_start = ended.began == Some(true) && ended.elapsed_s == Some(0) && !own.began;
-    // What Slurm cancels by itself it was about to start; what waits is cancelled by people.
+    // Slurm cancels jobs that it was about to start; waiting jobs are cancelled by people.
     let person = own.asked_to_end || ended.began == Some(false);
     match (ended.accounting, ended.cancelled_by) {
         (_, Some(uid)) if uid == own.uid && uid != 0 => Canceller::Person,
@@ -86,7 +94,7 @@ mod tests {
         }
     }
 
-    /// Every combination, so that none is decided by chance.
+    /// Covers every combination, so that each one is decided on purpose.
     #[test]
     fn who_it_was_by_all_that_can_be_known() {
         let sources = [
@@ -132,7 +140,7 @@ mod tests {
         insta::assert_snapshot!(table);
     }
 
-    /// The controller runs as root there, and so did whoever submitted.
+    /// The controller runs as root, and the submitter is root as well.
     #[test]
     fn root_is_named_for_what_slurm_does_too() {
         let own = OwnTraces {

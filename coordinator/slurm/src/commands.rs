@@ -1,13 +1,13 @@
-//! What Slurm's commands are asked: program and arguments, nothing else. Whoever runs them sets [`ENVIRONMENT`], gives
-//! each a time limit, and hands what they left to [`crate::answers`].
+//! Slurm's commands as programs with arguments. The caller sets [`ENVIRONMENT`], gives each command
+//! a time limit, and passes its output to [`crate::answers`].
 
 use crate::answers::{accounting as sacct, qos as sacctmgr, queue as squeue};
 use crate::job::{JobId, JobName};
 
-/// Set for every command: instants as seconds since 1970 (a local time tells no zone), messages in English, and nothing
-/// from the user's shell that changes what is printed.
+/// Variables set for every command: times in seconds since 1970 (a local time has no zone) and
+/// messages in English.
 pub const ENVIRONMENT: &[(&str, &str)] = &[("SLURM_TIME_FORMAT", "%s"), ("LC_ALL", "C")];
-/// Removed for every command: they change what is asked or printed.
+/// Variables removed for every command, because they change the query or the output.
 pub const NOT_IN_ENVIRONMENT: &[&str] = &[
     "SQUEUE_FORMAT",
     "SQUEUE_FORMAT2",
@@ -32,9 +32,9 @@ pub const NOT_IN_ENVIRONMENT: &[&str] = &[
 /// A command to run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Command {
-    /// The program, found by `PATH`.
+    /// Name of the program, found by `PATH`.
     pub program: &'static str,
-    /// Its arguments.
+    /// Arguments of the program.
     pub arguments: Vec<String>,
 }
 
@@ -53,14 +53,15 @@ pub fn submit(script: &str) -> Command {
     Command::new("sbatch", ["--parsable", script])
 }
 
-/// Asks whether a script would be taken, and submits nothing.
+/// Asks whether a script would be accepted, without submitting it.
 #[must_use]
 pub fn test_only(script: &str) -> Command {
     Command::new("sbatch", ["--test-only", script])
 }
 
-/// All of the user's jobs, ours and others (limits count them all), with those that ended a short while ago. One call
-/// however many jobs; no `--jobs`, which fails when one of them is forgotten.
+/// Lists all jobs of the user, because limits count them all, and jobs that ended a short while
+/// ago. A single call covers any number of jobs. `--jobs` is not used because it fails if one of
+/// the jobs is unknown.
 #[must_use]
 pub fn queue() -> Command {
     Command::new(
@@ -74,10 +75,12 @@ pub fn queue() -> Command {
     )
 }
 
-/// Jobs of the past by name, since the first intent (`since_s`, seconds since 1970); without names, all of the user's.
-/// Without `--starttime` sacct begins at midnight; without `--duplicates` it hides a NODE_FAIL behind a requeue.
+/// Lists past jobs by name since the first intent (`since_s`, seconds since 1970); without names,
+/// all jobs of the user. Without `--starttime` sacct begins at midnight; without `--duplicates` it
+/// hides a NODE_FAIL behind a requeue.
 ///
-/// Jobs that were cancelled before they were eligible (held, not begun) are never in the answer.
+/// The answer never contains jobs that were cancelled before they were eligible (held, or not
+/// begun).
 #[must_use]
 pub fn accounting(names: &[JobName], since_s: i64) -> Command {
     let mut arguments = vec![
@@ -104,7 +107,7 @@ pub fn accounting(names: &[JobName], since_s: i64) -> Command {
     }
 }
 
-/// Cancels jobs by number. A job that has ended is no error of scancel's with `--quiet`.
+/// Cancels jobs by number. With `--quiet`, an ended job is no error of scancel.
 #[must_use]
 pub fn cancel(jobs: &[JobId]) -> Command {
     Command::new(
@@ -113,19 +116,19 @@ pub fn cancel(jobs: &[JobId]) -> Command {
     )
 }
 
-/// Cancels all of the user's jobs of a name: for a submission whose number is not known.
+/// Cancels all of the user's jobs of a name, for a submission with an unknown number.
 #[must_use]
 pub fn cancel_name(name: &JobName) -> Command {
     Command::new("scancel", ["--quiet", "--me", &format!("--name={name}")])
 }
 
-/// The site's configuration.
+/// Shows the site's configuration.
 #[must_use]
 pub fn config() -> Command {
     Command::new("scontrol", ["show", "config"])
 }
 
-/// The limits of every QoS.
+/// Shows the limits of every QoS.
 #[must_use]
 pub fn qos() -> Command {
     Command::new(
@@ -139,7 +142,7 @@ pub fn qos() -> Command {
     )
 }
 
-/// What a user may charge and use.
+/// Shows the accounts and limits of a user.
 #[must_use]
 pub fn associations(user: &str) -> Command {
     let columns = format!("format={}", sacctmgr::ASSOCIATION_COLUMNS);
@@ -160,7 +163,7 @@ pub fn associations(user: &str) -> Command {
 mod tests {
     use super::{accounting, queue};
 
-    /// Whoever changes a command records its answers anew (tests/recorded/record.sh).
+    /// A changed command requires its answers to be recorded again (tests/recorded/record.sh).
     #[test]
     fn the_commands_are_those_that_were_recorded() {
         let recorded = |name: &str| {

@@ -1,49 +1,50 @@
-//! Why a job ended, and what follows from it.
+//! Classes of failures of a job, and their consequences.
 //!
-//! Two budgets: `infrastructure` for what the site does to us, `science` for what the models do. A failed node and a
-//! preemption are charged to neither, up to a bound that keeps a broken partition from being fed for ever.
+//! Repeats are charged to one of two budgets: `infrastructure` for failures of the site's making,
+//! and `free` for failed nodes, preemptions and used walltimes with progress. The second one is a
+//! generous bound that keeps a broken partition from being fed for ever.
 
 use crate::cancelled::{Canceller, OwnTraces, by_whom};
 use crate::job_status::Ended;
 use crate::state::SlurmState;
 
-/// Why an attempt ended without the result it was to give.
+/// Reason why an attempt ended without its result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Class {
-    /// It used up its walltime.
+    /// The job used up its walltime.
     Walltime,
-    /// It used more memory than it was given.
+    /// The job exceeded its memory.
     OutOfMemory,
     /// A node failed, or could not be booted.
     NodeFailure,
-    /// It had to make room for another job.
+    /// The job had to make room for another one.
     Preemption,
-    /// A person cancelled it; we did not ask for it.
+    /// A person cancelled the job, not the coordinator.
     CancelledByPerson,
-    /// Data or settings are wrong.
+    /// The data or settings are wrong.
     BadInput,
-    /// A defect of ours.
+    /// The program has a defect.
     Panic,
-    /// It ended without a word: killed, or never begun.
+    /// The job ended without any explanation: it was killed, or never began.
     Unexplained,
 }
 
-/// What is known of an ending.
+/// Evidence of an ending.
 #[derive(Debug, Clone, Copy)]
 pub struct Evidence<'a> {
-    /// What the scheduler said; nothing where it did not answer.
+    /// Report of the scheduler; `None` if it did not answer.
     pub scheduler: Option<&'a Ended>,
-    /// Last part of the job's log, empty where there is none.
+    /// Last part of the job's log; empty if there is none.
     pub log_tail: &'a str,
-    /// Whether we asked for its cancellation.
+    /// Whether the coordinator requested the cancellation.
     pub we_cancelled: bool,
-    /// Whether it received the warning before its walltime.
+    /// Whether the job received the warning before its walltime.
     pub warned: bool,
-    /// What tells a person's cancellation from Slurm's.
+    /// Evidence that distinguishes a person's cancellation from Slurm's.
     pub traces: OwnTraces,
 }
 
-/// Class of an ending; `None` where we cancelled it ourselves, or where it completed.
+/// Class of an ending; `None` if the coordinator cancelled the job or it completed.
 #[must_use]
 pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
     let out_of_memory = ran_out_of_memory(evidence);
@@ -64,7 +65,8 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
         SlurmState::NodeFail | SlurmState::BootFail => Class::NodeFailure,
         SlurmState::Preempted => Class::Preemption,
         SlurmState::Cancelled if evidence.we_cancelled => return None,
-        // OverMemoryKill cancels the step; a dependency that was not met cancels the job: no person did.
+        // OverMemoryKill cancels the step, and an unmet dependency cancels the job. No person did
+        // either.
         SlurmState::Cancelled if out_of_memory => Class::OutOfMemory,
         SlurmState::Cancelled if ended.reason.starts_with("Dependency") => Class::Unexplained,
         SlurmState::Cancelled => match by_whom(ended, evidence.traces) {
@@ -79,13 +81,15 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
         }
         _ if panicked => Class::Panic,
         SlurmState::Failed if ended.reason == "BadConstraints" => Class::BadInput,
-        // A script that ends from its own handler of the warning is FAILED or COMPLETED, not TIMEOUT.
+        // A script that exits from its own handler of the warning is FAILED or COMPLETED, not
+        // TIMEOUT.
         _ if evidence.warned => Class::Walltime,
         _ => Class::Unexplained,
     })
 }
 
-/// Whether a job was cancelled and by whom is not to be told yet: look again before it is [`classify`]'d.
+/// Whether the canceller of a job is still unknown, so that the job must be looked at again before
+/// [`classify`].
 #[must_use]
 pub fn is_open(evidence: &Evidence<'_>) -> bool {
     let cancelled = |ended: &&Ended| {
@@ -105,7 +109,7 @@ fn ran_out_of_memory(evidence: &Evidence<'_>) -> bool {
         .any(|words| evidence.log_tail.contains(words))
 }
 
-/// What Slurm's stepd and the kernel write before they kill for memory.
+/// Messages of slurmstepd and the kernel before they kill a process for its memory.
 const OUT_OF_MEMORY: &[&str] = &[
     "exceeded memory limit",
     "oom-kill event",
@@ -114,59 +118,60 @@ const OUT_OF_MEMORY: &[&str] = &[
     "Out of memory",
 ];
 
-/// How often an attempt may be repeated for which kind of reason.
+/// Number of repeats that are allowed, by kind of reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budgets {
-    /// Of a site's making: memory, unexplained ends, a walltime that brought no progress.
+    /// Repeats charged to the site: memory, unexplained ends, and used walltimes without progress.
     pub infrastructure: u32,
-    /// Free repeats after failed nodes, preemptions and used walltimes that brought progress.
+    /// Repeats that are free: failed nodes, preemptions, and used walltimes with progress.
     pub free: u32,
 }
 
-/// How often it was repeated so far.
+/// Number of repeats so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Spent {
-    /// Charged to [`Budgets::infrastructure`].
+    /// Repeats charged to [`Budgets::infrastructure`].
     pub infrastructure: u32,
-    /// Charged to nothing.
+    /// Repeats charged to [`Budgets::free`].
     pub free: u32,
 }
 
-/// What an attempt was given, as far as it can be changed.
+/// Resources of an attempt, as far as they can be changed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Given {
-    /// Ranks on each node.
+    /// Number of ranks on each node.
     pub ranks_per_node: u32,
     /// Memory of each rank, MiB.
     pub memory_per_rank_mib: u64,
     /// Memory of a node, MiB.
     pub memory_per_node_mib: u64,
-    /// Nodes that are avoided, as Slurm compresses them.
+    /// Nodes to avoid, in Slurm's compressed notation.
     pub excluded: Vec<String>,
 }
 
-/// What follows.
+/// Consequence of an ending.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
-    /// A new attempt.
+    /// A new attempt is made.
     Again {
-        /// Goes on from the checkpoint, where there is one.
+        /// Whether it continues from the checkpoint, if there is one.
         continues: bool,
-        /// What it is given.
+        /// Resources of the new attempt.
         given: Given,
-        /// What is spent with it.
+        /// Repeats spent, the new one included.
         spent: Spent,
-        /// For a person.
+        /// Reason, for a person.
         why: String,
     },
-    /// It stays as it is until a person acts.
+    /// The failure stays until a person acts.
     Stays {
-        /// For a person: why, and what to do.
+        /// Reason and advice, for a person.
         why: String,
     },
 }
 
-/// What follows from an ending. `progressed`: its checkpoint is further than that of the attempt before.
+/// Decides on the consequence of an ending. `progressed`: whether the checkpoint is further than
+/// the previous attempt's.
 #[must_use]
 pub fn next(
     class: Class,
@@ -260,7 +265,8 @@ pub fn next(
     }
 }
 
-/// Half as many ranks on a node, or, with one rank, all of the node's memory.
+/// Halves the number of ranks on a node. With a single rank, doubles its memory up to the node's.
+/// `None` if it had all of it.
 fn more_memory(given: &Given) -> Option<(Given, String)> {
     let mut more = given.clone();
     if given.ranks_per_node > 1 {
@@ -384,7 +390,7 @@ mod tests {
     }
 
     proptest! {
-        /// However things end, it does not go on for ever, and what is given stays within a node.
+        /// Every series of failures ends, and the given resources stay within a node.
         #[test]
         fn every_series_of_failures_ends(classes in proptest::collection::vec(0_usize..5, 40), progress in any::<u64>()) {
             let all = [Class::Walltime, Class::OutOfMemory, Class::NodeFailure, Class::Preemption, Class::Unexplained];

@@ -1,27 +1,28 @@
-//! What a job is called: its number, its place in an array, its name.
+//! Identifiers of jobs: number, index in an array, name.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// A job as Slurm's user sees it: a number, and for an element of an array its index. The number of an element alone
-/// says nothing: the elements of array 803 may be 804, 805 and, the last of them, 803.
+/// A job as shown to Slurm's users: a number, and the index of an array's element. The number of an
+/// element alone is not sufficient: the elements of array 803 may be 804, 805 and, for the last
+/// one, 803.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct JobId {
-    /// Number of the job; of the whole array for an element.
+    /// Number of the job; for an element, of the whole array.
     pub job: u64,
-    /// Index in the array.
+    /// Index in the array; `None` for a single job.
     pub element: Option<u32>,
 }
 
 impl JobId {
-    /// A job that is no array.
+    /// Id of a job that is not an array.
     #[must_use]
     pub fn single(job: u64) -> Self {
         Self { job, element: None }
     }
 
-    /// An element of an array.
+    /// Id of an element of an array.
     #[must_use]
     pub fn element(job: u64, element: u32) -> Self {
         Self {
@@ -40,24 +41,25 @@ impl fmt::Display for JobId {
     }
 }
 
-/// Jobs that one row of an answer speaks of.
+/// Jobs that one row of an answer stands for.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Jobs {
-    /// One.
+    /// A single job or element.
     One(JobId),
-    /// Elements of an array that still wait, which sacct collapses: `12_[0-3,7%2]`.
+    /// Waiting elements of an array, which sacct collapses: `12_[0-3,7%2]`.
     Waiting {
-        /// The array.
+        /// Number of the array.
         job: u64,
         /// Inclusive ranges of indices.
         ranges: Vec<(u32, u32)>,
-        /// False where Slurm cut the list off (`...`): there are more than are listed.
+        /// False if Slurm cut off the list (`...`) and there are more elements than listed.
         complete: bool,
     },
 }
 
 impl Jobs {
-    /// Reads `12`, `12_3` and `12_[0-3,7%2]`; anything else, such as a step or a heterogeneous component, is `None`.
+    /// Reads `12`, `12_3` and `12_[0-3,7%2]`. Any other text, such as a step or a heterogeneous
+    /// component, is `None`.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let Some((job, rest)) = text.split_once('_') else {
@@ -81,7 +83,7 @@ impl Jobs {
                 number(last.split_once(':').map_or(last, |(last, _)| last))?,
             );
             if part.contains(':') {
-                return None; // a stepped range: not written by the scripts of this crate
+                return None; // a stepped range, which the scripts of this crate never use
             }
             if first > last {
                 return None;
@@ -95,7 +97,7 @@ impl Jobs {
         })
     }
 
-    /// Whether the row speaks of this job. A cut list speaks of those that it shows.
+    /// Whether the row stands for this job. A cut list counts only for the elements that it shows.
     #[must_use]
     pub fn contains(&self, id: JobId) -> bool {
         match self {
@@ -110,7 +112,7 @@ impl Jobs {
     }
 }
 
-/// Digits only: `str::parse` would take a sign, too.
+/// Reads a number of digits only; `str::parse` would accept a sign, too.
 pub(crate) fn number<T: std::str::FromStr>(text: &str) -> Option<T> {
     if !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()) {
         text.parse().ok()
@@ -119,20 +121,23 @@ pub(crate) fn number<T: std::str::FromStr>(text: &str) -> Option<T> {
     }
 }
 
-/// Why a text is no name of ours.
+/// Error for a text that is no valid name of a job.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "'{0}' is no name for a job: expected 1 to 120 letters, digits, '.', '_' and '-', the first a letter or digit"
 )]
 pub struct NotAName(pub String);
 
-/// A unique name of a submission, committed before `sbatch` and looked up after a doubtful answer. Restricted to what
-/// no shell, format or list of names reads as anything else.
+/// A unique name of a submission, which is committed before `sbatch` and looked up after a doubtful
+/// answer. It is restricted to characters that have no other meaning in a shell, a format or a list
+/// of names.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct JobName(String);
 
 impl JobName {
+    /// Checks a name.
+    ///
     /// # Errors
     /// [`NotAName`] for an empty, long or unusual text.
     pub fn new(text: &str) -> Result<Self, NotAName> {
@@ -148,7 +153,7 @@ impl JobName {
         }
     }
 
-    /// The text.
+    /// The name as text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0

@@ -1,7 +1,8 @@
-//! Whether a submission lives: alive, ended, or unknown. Absence is no ending.
+//! Status of a submission: alive, ended, or unknown. A job that is not listed has not necessarily
+//! ended.
 //!
-//! What the job itself left (its outcome) comes before all of this and is the caller's to read; here is what the
-//! scheduler knows, from one squeue and at most one sacct for any number of jobs.
+//! The files that the job itself left take precedence and are read by the caller. Only the
+//! scheduler's answers count here: one squeue and at most one sacct for any number of jobs.
 
 use crate::answers::Table;
 use crate::answers::accounting::{AccountingRow, ExitCode};
@@ -10,108 +11,110 @@ use crate::job::{JobId, Jobs};
 use crate::reason::{self, Why};
 use crate::state::{Bearing, SlurmState};
 
-/// What the database says of a run that the queue shows as ended.
+/// Account of Slurm's database of a run that the queue shows as ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Accounting {
-    /// The same: the ending is as told there.
+    /// The database shows the same ending, which [`Ended`] describes.
     Agrees,
-    /// It has the run as waiting or running.
+    /// The database shows the run as waiting or running.
     Disagrees,
-    /// It answered, and does not know the run.
+    /// The database answered, but does not list the run.
     Unaware,
-    /// It did not answer, or was not asked.
+    /// The database did not answer, or was not asked.
     Silent,
 }
 
-/// What is known of one job.
+/// Status of one job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JobStatus {
-    /// It waits or runs.
+    /// The job waits or runs.
     Alive(Alive),
-    /// It has ended. Under the same name no other run of it waits or runs.
+    /// The job has ended. No other run under the same name waits or runs.
     Ended(Ended),
-    /// Neither is known: wait, and show why.
+    /// The scheduler's answers do not decide it: wait, and show the reason.
     Unknown(Unknown),
 }
 
-/// A living job.
+/// A job that waits or runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Alive {
-    /// Its number.
+    /// Number of the job.
     pub id: JobId,
-    /// Whether it has begun.
+    /// Whether the job has begun.
     pub runs: bool,
-    /// Slurm's state.
+    /// State in Slurm's terms.
     pub state: SlurmState,
-    /// Why it waits.
+    /// Reason for which it waits; `None` if it runs.
     pub why: Option<Why>,
-    /// When it started, or is expected to, seconds since 1970.
+    /// Actual or expected start, seconds since 1970.
     pub start: Option<i64>,
-    /// Its nodes.
+    /// Nodes of the job in Slurm's compressed notation; empty before the start.
     pub nodes: String,
 }
 
 /// A job that has ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Ended {
-    /// Its number.
+    /// Number of the job.
     pub id: JobId,
-    /// Slurm's state.
+    /// State in Slurm's terms.
     pub state: SlurmState,
-    /// Its code; only sacct tells.
+    /// Exit of the job; `None` unless sacct reports it.
     pub exit: Option<ExitCode>,
-    /// Slurm's reason.
+    /// Reason that Slurm gives.
     pub reason: String,
-    /// Who cancelled it; only sacct tells.
+    /// User id of the canceller; `None` unless sacct reports it.
     pub cancelled_by: Option<u32>,
-    /// Whether it ever began. `None` where that is not known.
+    /// Whether the job ever began; `None` if this is unknown.
     pub began: Option<bool>,
-    /// How long it ran, s.
+    /// Elapsed time, s; `None` if it is unknown.
     pub elapsed_s: Option<u64>,
-    /// Its nodes, to be avoided after NODE_FAIL.
+    /// Nodes of the job, to be avoided after NODE_FAIL.
     pub nodes: String,
-    /// What the database says of it.
+    /// Account of Slurm's database.
     pub accounting: Accounting,
 }
 
 impl Ended {
-    /// Processes of it may still be alive and write: the node was lost, not the process.
+    /// Whether processes of the job may still be alive and write, because the node was lost and not
+    /// the process.
     #[must_use]
     pub fn may_have_orphans(&self) -> bool {
         matches!(self.state, SlurmState::NodeFail | SlurmState::BootFail)
     }
 }
 
-/// Why nothing is known.
+/// Reason why the status is unknown.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Unknown {
-    /// No source that answered knows the job.
+    /// No source that answered lists the job.
     NotListed {
-        /// Whether the queue answered, and every row of it was read.
+        /// Whether the queue answered, with every row readable.
         queue_answered: bool,
-        /// Whether accounting answered, and every row of it was read.
+        /// Whether accounting answered, with every row readable.
         accounting_answered: bool,
     },
-    /// Slurm is in a state that is neither.
+    /// Slurm's state shows neither life nor an end.
     State(SlurmState),
-    /// The database has it as alive, and the queue, which answered, does not list it: one of them lags, or the
-    /// queue's answer was cut. No reason to submit again.
+    /// The database shows the job as alive, but the queue answered and does not list it: one of
+    /// them lags, or the queue's answer was cut. This is no reason to submit again.
     Disputed(SlurmState),
 }
 
-/// A job that is looked for.
+/// A job whose status is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wanted<'a> {
-    /// Its unique name, which decides: after a crash of the controller a number may be given to another job.
+    /// Unique name, which identifies the job: after a crash of the controller its number may belong
+    /// to another job.
     pub name: &'a str,
-    /// Its index in the array, where the submission is one.
+    /// Index in the array; `None` for a single job.
     pub element: Option<u32>,
 }
 
-/// What is known of a job. `None` is a source that did not answer, or was not asked.
+/// Determines the status of a job. `None` stands for a source that did not answer or was not asked.
 ///
-/// A living run anywhere in the answers wins over ended ones: a requeued job is in the database twice, and a submission
-/// that was repeated after a doubtful answer has two numbers.
+/// A live run anywhere in the answers takes precedence over ended ones: a requeued job is in the
+/// database twice, and a submission that was repeated after a doubtful answer has two numbers.
 #[must_use]
 pub fn of(
     wanted: Wanted<'_>,
@@ -140,7 +143,7 @@ pub fn of(
         return JobStatus::Unknown(Unknown::State(row.state.clone()));
     }
     if let Some(row) = queued().max_by_key(|row| row.submitted) {
-        // Accounting tells more of the same run: its exit code and who cancelled it.
+        // Accounting has more details of the same run: its exit code and its canceller.
         let same =
             || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
         let more = same().filter(|(_, more)| more.state.bearing() == Bearing::Ended);
@@ -152,7 +155,8 @@ pub fn of(
                 exit: None,
                 reason: row.reason.clone(),
                 cancelled_by: None,
-                // A job that was cancelled while it waited is shown with its end as its start, and no nodes.
+                // For a job that was cancelled while it waited, the queue shows its end as its
+                // start, and no nodes.
                 began: Some(!row.nodes.is_empty()),
                 elapsed_s: row
                     .end
@@ -167,7 +171,8 @@ pub fn of(
             },
         });
     }
-    // The queue forgot it, or did not answer. Accounting may still believe it alive: it lags, so that is no life.
+    // The queue forgot the job or did not answer. Accounting may still show it as alive, which
+    // proves nothing because accounting lags.
     match accounted().max_by_key(|(_, row)| (row.submitted, row.start)) {
         Some((id, row)) => match row.state.bearing() {
             Bearing::Ended => JobStatus::Ended(ended(id, row)),

@@ -1,10 +1,11 @@
-//! Slurm as pure data and decisions: what its commands are asked and how their answers are read, what its states mean,
-//! what follows from each failure, what a site allows, the exact batch scripts, how work is packed into jobs, and a
-//! model of Slurm that tests are run against.
+//! Slurm as pure data and decisions: its commands and the parsers of their answers, the meaning of
+//! its states, the consequences of each failure, the limits of a site, the exact batch scripts, the
+//! packing of work into jobs, and a model of Slurm for tests.
 //!
-//! Nothing here runs a command, reads a file or looks at a clock: a caller hands in texts and times. Three rules hold
-//! throughout: an answer that cannot be understood is said to be so, never guessed; absence from the queue is no
-//! ending; a refusal that may pass is told from one that will not.
+//! Nothing in this crate runs a command, reads a file or looks at a clock: the caller passes texts
+//! and times. Three rules hold throughout. An answer that cannot be understood is reported as such,
+//! never guessed. Absence from the queue does not mean that a job has ended. A refusal that may
+//! pass is distinguished from one that will not.
 #![deny(missing_docs)]
 
 pub mod answers;

@@ -1,32 +1,33 @@
-//! Why a job waits, in words, and whether waiting helps.
+//! Reasons for which jobs wait, in words, and whether waiting helps.
 
-/// Who or what a waiting job waits for.
+/// Event that a waiting job needs before it can start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WaitsFor {
     /// Free nodes, or its turn: waiting helps.
     Turn,
-    /// A limit on the user's or the account's jobs: waiting helps once others have ended.
+    /// A limit on the user's or the account's jobs: waiting helps once other jobs have ended.
     Limit,
-    /// A person: waiting does not help by itself.
+    /// An act of a person: waiting does not help by itself.
     Person,
-    /// Another job, or a time that was asked for.
+    /// Another job, or a requested time.
     Event,
-    /// Nothing that will come: it never starts as it is.
+    /// No event: the job can never start as it is.
     Never,
-    /// Not known.
+    /// Unknown, because Slurm's reason is not in the list.
     Unlisted,
 }
 
 /// A reason that Slurm gives for a waiting job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Why {
-    /// For a person, lower case, no full stop.
+    /// Explanation for a person, in lower case and without a full stop.
     pub words: String,
-    /// For a decision.
+    /// Basis of decisions.
     pub waits_for: WaitsFor,
 }
 
-/// Reasons with their own words (squeue manual page, "job reason codes"). Those of limits are composed, see [`limit`].
+/// Reasons with explanations (squeue manual page, "job reason codes"). Reasons about limits are
+/// composed, see [`limit`].
 const REASONS: &[(&str, WaitsFor, &str)] = {
     use WaitsFor::{Event, Never, Person, Turn};
     &[
@@ -151,7 +152,7 @@ const REASONS: &[(&str, WaitsFor, &str)] = {
     ]
 };
 
-/// Why a job waits. `reason` is squeue's `%r`.
+/// Explains the reason of a waiting job. `reason` is squeue's `%r`.
 #[must_use]
 pub fn why(reason: &str) -> Why {
     let plain = reason.trim_matches(['(', ')']);
@@ -171,9 +172,11 @@ pub fn why(reason: &str) -> Why {
     }
 }
 
-/// Limits: `QOSMaxJobsPerUserLimit` and some hundred more are a holder, a measure and a scope.
+/// Explains a reason about a limit: `QOSMaxJobsPerUserLimit` and some hundred others consist of a
+/// holder, a measure and a scope.
 ///
-/// What a job itself asks for beyond a limit on one job never fits; a limit on all of somebody's jobs passes.
+/// A job that exceeds a limit on a single job never fits; a limit on all jobs of a user or account
+/// passes.
 #[must_use]
 pub fn limit(key: &str) -> Option<Why> {
     let (holder, measure) = if let Some(rest) = key.strip_prefix("QOS") {

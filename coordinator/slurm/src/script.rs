@@ -1,65 +1,66 @@
-//! The exact text of a batch script.
+//! Text of a batch script.
 //!
-//! Always `--no-requeue` (a retry is ours to decide, in a fresh directory), a unique job name, output appended, nothing
-//! of the submitter's environment, and a warning to the script before its walltime, which it hands on to its steps. A
-//! bundle starts one step for each simulation, in parallel, and takes the next while the time left holds it.
+//! Every script has `--no-requeue` (a retry is decided by the coordinator and runs in a new
+//! directory), a unique job name, appended output and nothing of the submitter's environment. Slurm
+//! sends it a warning before its walltime, which it passes on to its steps. A bundle starts one
+//! step per simulation, in parallel, and takes the next one while the remaining time suffices.
 
 use crate::job::JobName;
 use crate::site::{Queue, Site, Unit};
 use crate::walltime;
 
-/// What a script is made from.
+/// A job from which a script is made.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Job {
-    /// Unique name.
+    /// Unique name of the job.
     pub name: JobName,
-    /// Account, where the site needs one.
+    /// Name of the account; `None` if the site needs none.
     pub account: Option<String>,
-    /// Absolute folder of the submission: the job runs in it and logs there.
+    /// Absolute path of the submission's folder, in which the job runs and writes its log.
     pub folder: String,
-    /// Walltime, s; rounded up to whole minutes, which is what Slurm counts in.
+    /// Walltime, s; rounded up to whole minutes, the unit in which Slurm counts.
     pub walltime_s: u64,
-    /// How long before its end the job is warned, s. Slurm warns up to 60 s too early.
+    /// Time between the warning and the end of the job, s. Slurm may warn up to 60 s too early.
     pub warning_s: u64,
-    /// Nodes.
+    /// Number of nodes.
     pub n_nodes: u32,
-    /// Cores, where the queue gives single ones; else whole nodes are taken.
+    /// Number of cores on a queue that gives single cores; otherwise whole nodes are taken.
     pub n_cores: u32,
-    /// Memory of a node, MiB, where the queue gives single cores.
+    /// Memory of a node, MiB, on a queue that gives single cores.
     pub memory_mib: Option<u64>,
     /// Nodes to avoid.
     pub exclude: Vec<String>,
-    /// As an array.
+    /// Array; `None` for a single job.
     pub array: Option<Array>,
-    /// What it runs.
+    /// Commands of the job.
     pub work: Work,
 }
 
-/// An array: indices from 0.
+/// An array with indices from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Array {
-    /// Elements.
+    /// Number of elements.
     pub n: u32,
-    /// Elements at once.
+    /// Largest number of elements at once; `None` means no throttle.
     pub at_once: Option<u32>,
 }
 
-/// What a job runs.
+/// Commands of a job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Work {
-    /// One command on every node, once each: a worker that uses every core of its node itself. The array's index is in
-    /// `SLURM_ARRAY_TASK_ID`.
+    /// One command, run once on every node: a worker that itself uses every core of its node. The
+    /// index of the array is in `SLURM_ARRAY_TASK_ID`.
     PerNode {
         /// Program and arguments.
         command: Vec<String>,
     },
-    /// Many MPI steps, in parallel as far as they fit, the rest as places become free.
+    /// Many MPI steps, in parallel as far as they fit, and the others as places become free.
     Bundle {
-        /// In the order in which they are taken.
+        /// Steps in the order in which they are taken.
         steps: Vec<Step>,
-        /// Nodes of each.
+        /// Number of nodes of each step.
         nodes_per_step: u32,
-        /// Ranks on each of its nodes.
+        /// Number of ranks on each of its nodes.
         ranks_per_node: u32,
     },
 }
@@ -69,48 +70,48 @@ pub enum Work {
 pub struct Step {
     /// Program and arguments.
     pub command: Vec<String>,
-    /// How long it is expected to take, s: not started when less is left before the warning.
+    /// Expected duration, s. The step is not started if less time is left before the warning.
     pub predicted_s: u64,
-    /// Its log, absolute.
+    /// Absolute path of its log.
     pub log: String,
 }
 
-/// Why no script is made.
+/// Reason why no script is made.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ScriptError {
-    /// A text that cannot be in a script.
+    /// A text that cannot be part of a script.
     #[error("{what} '{found}' cannot stand in a batch script: {why}")]
     Text {
-        /// Which.
+        /// Name of the text.
         what: &'static str,
-        /// What it is.
+        /// The text.
         found: String,
-        /// Why not.
+        /// Reason why it cannot be part of a script.
         why: &'static str,
     },
-    /// The site demands an account.
+    /// The site needs an account, and none is set.
     #[error("site {site} needs an account: name one in the profile of the run")]
     NoAccount {
-        /// Which.
+        /// Name of the site.
         site: String,
     },
-    /// More than the queue gives.
+    /// The job exceeds a limit of the queue.
     #[error("job {name}: {what} is {asked}, queue '{queue}' gives {limit}")]
     Limit {
-        /// Which job.
+        /// Name of the job.
         name: String,
-        /// Which measure.
+        /// Name of the measure.
         what: &'static str,
-        /// What was asked.
+        /// Requested value.
         asked: u64,
-        /// Which queue.
+        /// Name of the queue.
         queue: String,
-        /// What there is.
+        /// Limit of the queue.
         limit: u64,
     },
 }
 
-/// A word for bash, quoted where it must be.
+/// A word for bash, quoted if necessary.
 fn quoted(word: &str) -> String {
     let plain = |b: u8| {
         b.is_ascii_alphanumeric()
@@ -134,7 +135,8 @@ fn command_line(words: &[String]) -> String {
         .join(" ")
 }
 
-/// Of a `#SBATCH` line: Slurm splits it at blanks, takes quotes and `\`, and replaces `%`.
+/// Checks a value for a `#SBATCH` line. Slurm splits these lines at blanks, interprets quotes and
+/// `\`, and replaces `%`.
 fn directive(what: &'static str, value: &str) -> Result<String, ScriptError> {
     let bad =
         |c: char| c.is_whitespace() || c.is_control() || matches!(c, '"' | '\'' | '\\' | '#' | '%');
@@ -204,10 +206,11 @@ fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
     Ok(())
 }
 
-/// The script.
+/// Writes the script.
 ///
 /// # Errors
-/// [`ScriptError`] where the site or the queue does not allow it, or a text cannot be in a script.
+/// [`ScriptError`] if the site or the queue does not allow the job, or a text cannot be part of a
+/// script.
 pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptError> {
     check(job, queue, site)?;
     let mut lines = vec!["#!/bin/bash".to_owned()];
@@ -354,8 +357,9 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     Ok(lines.join("\n") + "\n")
 }
 
-/// What every script has: the warning is handed on to the steps, and waiting goes on after it. bash looks at a signal
-/// only between commands of the foreground, hence `wait`.
+/// Part of every script: the warning is passed on to the steps, and waiting continues after it.
+/// bash handles a signal only between commands in the foreground, which is why the script uses
+/// `wait`.
 const COMMON: &str = r#"began=$(date +%s) warned=0 worst=0 started=0 left=0 steps=()
 export CARDIOTWIN_LEAVE_AT=$((began + seconds - warning)) # when whoever works here is to have left
 trap 'warned=1; for step in "${steps[@]}"; do kill -USR1 "$step" 2>/dev/null; done' USR1
@@ -477,7 +481,8 @@ mod tests {
         }
     }
 
-    /// Run by bash with a launcher that just runs its command: places, order, time left, warning, worst exit code.
+    /// The script is run by bash with a launcher that only runs its command. Checks places, order,
+    /// remaining time and the worst exit code.
     #[test]
     fn a_bundle_pulls_while_the_time_holds() {
         let mut archer2 = site("archer2");
@@ -536,7 +541,8 @@ mod tests {
         assert_eq!(lines, ["one", "three", "two"]);
     }
 
-    /// The warning reaches the steps that run, and no further one is taken. The first step sends it, once all is set up.
+    /// The warning reaches the running steps, and no further one is taken. The first step sends it
+    /// once everything is set up.
     #[test]
     fn a_warning_is_handed_on() {
         let mut archer2 = site("archer2");
@@ -554,7 +560,7 @@ mod tests {
             command: ["bash", "-c", command].map(str::to_owned).to_vec(),
         };
         let script = write(&job, &taskfarm, &archer2).expect("a script");
-        // `env` takes no options of srun's.
+        // `env` does not accept srun's options.
         let script = script.replace(
             "env --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 bash",
             "env bash",

@@ -1,5 +1,5 @@
-//! A site's profile: partitions, limits, launcher and charge as data (`deploy/sites/*.toml`), and what the site itself
-//! tells laid over it.
+//! Profile of a site: partitions, limits, launcher and charge as data (`deploy/sites/*.toml`),
+//! refined by the limits that the site itself reports.
 
 use serde::Deserialize;
 
@@ -7,32 +7,32 @@ use crate::answers::config::SiteConfig;
 use crate::answers::qos::QosRow;
 use crate::walltime::{self, Limit};
 
-/// What is wrong with a profile. `toml`'s own errors name line and key.
+/// Error in a profile. `toml`'s own messages name line and key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SiteError {
-    /// It is no TOML, a key is unknown or missing, or has the wrong type.
+    /// The file is not TOML, or a key is unknown, missing, or has the wrong type.
     #[error("site profile {file}: {message}")]
     Read {
-        /// Which file.
+        /// Name of the file.
         file: String,
-        /// What is wrong, with line and key.
+        /// Message with line and key.
         message: String,
     },
-    /// A value that cannot be.
+    /// A value is out of its range.
     #[error("site profile {file}: {key} is {found}, expected {expected}")]
     Value {
-        /// Which file.
+        /// Name of the file.
         file: String,
-        /// Which key.
+        /// Name of the key.
         key: String,
-        /// What it is.
+        /// Found value.
         found: String,
-        /// What it should be.
+        /// Expected range.
         expected: &'static str,
     },
 }
 
-/// What a job may be given at the least.
+/// Smallest unit of resources that a job can get.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Unit {
@@ -42,55 +42,55 @@ pub enum Unit {
     Core,
 }
 
-/// Who runs the jobs.
+/// Scheduler of a site.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheduler {
     /// Slurm.
     Slurm,
-    /// Nobody: this machine, by the local executor.
+    /// No scheduler: tasks run on this machine with the local executor.
     Local,
 }
 
-/// A site.
+/// Profile of a site.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Site {
-    /// Its name.
+    /// Name of the site.
     pub name: String,
-    /// For a person, with where the limits are from.
+    /// Description for a person, with the source of the limits.
     pub description: String,
-    /// Who runs the jobs.
+    /// Scheduler of the site.
     pub scheduler: Scheduler,
-    /// Its nodes.
+    /// Nodes of the site.
     pub node: Node,
-    /// Where jobs go; the first of a use is taken unless another is named.
+    /// Queues. The first one of a use is taken unless another one is named.
     #[serde(default)]
     pub queue: Vec<Queue>,
-    /// Job arrays.
+    /// Support for job arrays.
     #[serde(default)]
     pub arrays: Arrays,
-    /// How steps are started.
+    /// Command that starts steps.
     #[serde(default)]
     pub launcher: Launcher,
-    /// Lines of the script before anything else: modules, paths.
+    /// First lines of every script, such as modules and paths.
     #[serde(default)]
     pub setup: Vec<String>,
     /// Whether jobs must name an account.
     #[serde(default)]
     pub needs_account: bool,
-    /// What a node-hour costs, in `charge_unit`.
+    /// Charge for a node-hour, in `charge_unit`.
     #[serde(default)]
     pub charge_per_node_hour: f64,
-    /// In what is charged.
+    /// Unit of the charge.
     #[serde(default)]
     pub charge_unit: String,
-    /// Longest time between two queries, and the shortest, s.
+    /// Pause between two ticks.
     #[serde(default)]
     pub poll: Poll,
 }
 
-/// A node.
+/// Nodes of a site.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Node {
@@ -98,11 +98,11 @@ pub struct Node {
     pub cores: u32,
     /// Memory that a job may use, MiB.
     pub memory_mib: u64,
-    /// What a job is given at the least.
+    /// Smallest unit of resources that a job can get.
     pub unit: Unit,
 }
 
-/// What a queue is for.
+/// Use of a queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Use {
@@ -114,50 +114,51 @@ pub enum Use {
     Tick,
 }
 
-/// A partition with a QoS, and its limits. A limit that is absent does not exist.
+/// A partition with a QoS, and its limits; `None` means no such limit.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Queue {
-    /// Our name for it.
+    /// Name of the queue in this profile.
     pub name: String,
-    /// Partition; the site's default where absent.
+    /// Name of the partition; `None` means the site's default.
     pub partition: Option<String>,
-    /// QoS; the site's default where absent.
+    /// Name of the QoS; `None` means the site's default.
     pub qos: Option<String>,
-    /// What for.
+    /// Uses of the queue.
     pub uses: Vec<Use>,
     /// Longest walltime, `D-HH:MM:SS`.
     pub walltime: String,
     /// Shortest walltime, `D-HH:MM:SS`.
     pub least_walltime: Option<String>,
-    /// Jobs of a user that may be queued or running; an element of an array is a job.
+    /// Largest number of a user's jobs that are queued or running. An element of an array counts as
+    /// a job.
     pub max_queued: Option<u32>,
-    /// Jobs of a user that may run.
+    /// Largest number of a user's running jobs.
     pub max_running: Option<u32>,
-    /// Nodes of a job, at most.
+    /// Largest number of nodes of a job.
     pub max_nodes_per_job: Option<u32>,
-    /// Nodes of a job, at least.
+    /// Smallest number of nodes of a job.
     pub min_nodes_per_job: Option<u32>,
-    /// Nodes of a user's running jobs, at most.
+    /// Largest number of nodes of a user's running jobs.
     pub max_nodes_per_user: Option<u32>,
-    /// Cores of a user's running jobs, at most.
+    /// Largest number of cores of a user's running jobs.
     pub max_cores_per_user: Option<u32>,
-    /// Nodes of the partition.
+    /// Number of nodes of the partition.
     pub nodes: Option<u32>,
-    /// What its jobs are given at the least, where not as [`Node::unit`] says.
+    /// Smallest unit of resources that its jobs can get; `None` means [`Node::unit`].
     pub unit: Option<Unit>,
-    /// Whether its jobs are free.
+    /// Whether its jobs are not charged.
     #[serde(default)]
     pub free: bool,
 }
 
-/// Job arrays.
+/// Support for job arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arrays {
     /// Whether the site allows them.
     pub allowed: bool,
-    /// Slurm's MaxArraySize: most elements of an array.
+    /// Slurm's MaxArraySize, the largest number of elements of an array.
     #[serde(default = "slurms_default")]
     pub max_size: u32,
 }
@@ -175,17 +176,18 @@ impl Default for Arrays {
     }
 }
 
-/// How steps are started.
+/// Command that starts steps.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Launcher {
-    /// Program and its options for every step.
+    /// Program and options for every step.
     #[serde(default = "srun")]
     pub command: Vec<String>,
-    /// Options of an MPI step.
+    /// Further options of an MPI step.
     #[serde(default)]
     pub mpi: Vec<String>,
-    /// Memory that a packed step asks for each core, MiB: without it the first step takes all of the node's.
+    /// Memory per core that a step of a bundle requests, MiB. Without it the first step takes the
+    /// whole node's memory.
     pub memory_per_core_mib: Option<u64>,
 }
 
@@ -203,13 +205,13 @@ impl Default for Launcher {
     }
 }
 
-/// How often the scheduler is asked.
+/// Pause between two ticks of the coordinator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Poll {
-    /// At the most often, s.
+    /// Shortest pause, s.
     pub shortest_s: u64,
-    /// When nothing changes, s.
+    /// Longest pause, reached when nothing changes, s.
     pub longest_s: u64,
 }
 
@@ -226,7 +228,7 @@ impl Queue {
     /// Longest walltime, s.
     #[must_use]
     pub fn walltime_s(&self) -> u64 {
-        seconds(&self.walltime).unwrap_or(0) // checked when it was read
+        seconds(&self.walltime).unwrap_or(0) // checked by `read`
     }
 
     /// Shortest walltime, s.
@@ -250,7 +252,7 @@ impl Site {
     /// Reads a profile. `file` is its name, for messages.
     ///
     /// # Errors
-    /// [`SiteError`] for anything that a run would stumble over later.
+    /// [`SiteError`] for any mistake that would disturb a run later.
     pub fn read(file: &str, text: &str) -> Result<Self, SiteError> {
         let site: Self = toml::from_str(text).map_err(|error| SiteError::Read {
             file: file.to_owned(),
@@ -363,7 +365,7 @@ impl Site {
         Ok(())
     }
 
-    /// The queue of that name, or the first of that use.
+    /// The queue of this name, or else the first of this use.
     #[must_use]
     pub fn queue(&self, name: Option<&str>, used_for: Use) -> Option<&Queue> {
         self.queue.iter().find(|queue| match name {
@@ -372,7 +374,8 @@ impl Site {
         })
     }
 
-    /// Lays over the profile what the site told: the tighter of two limits holds. Says what it changed.
+    /// Refines the profile by the limits that the site reports: the tighter of two limits holds.
+    /// Returns what was changed.
     pub fn discover(&mut self, config: Option<&SiteConfig>, qos: &[QosRow]) -> Vec<String> {
         let mut changes = Vec::new();
         if let Some(size) = config
@@ -464,7 +467,7 @@ pub(crate) mod tests {
         assert_eq!(shipped("laptop").scheduler, Scheduler::Local);
     }
 
-    /// The one-machine Slurm has ARCHER2's limits: what it tells agrees with the profile.
+    /// The one-machine Slurm has the limits of ARCHER2, so its reports agree with the profile.
     #[test]
     fn what_a_site_tells_is_laid_over_its_profile() {
         let qos = qos::read(&recorded::output("sacctmgr-qos"))

@@ -1,4 +1,4 @@
-//! Slurm's job states, complete, and what each says about whether a job lives.
+//! All job states of Slurm, and what each of them says about the life of a job.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ macro_rules! states {
         #[serde(from = "String", into = "String")]
         pub enum SlurmState {
             $($(#[$doc])* $name,)*
-            /// A state that is not listed above: shown as it is, and waited for.
+            /// A state that is not listed above, which is shown as it is and waited for.
             Unlisted(String),
         }
 
@@ -17,8 +17,9 @@ macro_rules! states {
             /// Every listed state.
             pub const LISTED: &'static [Self] = &[$(Self::$name),*];
 
-            /// Reads a state's long or short name. sacct writes who cancelled behind it (`CANCELLED by 1001`), other
-            /// versions of Slurm several states joined by `+`: the first word counts.
+            /// Reads a state's long or short name. sacct appends the canceller (`CANCELLED by
+            /// 1001`), and other versions of Slurm join several states with `+`: the first word
+            /// counts.
             #[must_use]
             pub fn parse(text: &str) -> Self {
                 let word = text.split([' ', '+', ',']).next().unwrap_or_default();
@@ -28,7 +29,7 @@ macro_rules! states {
                 }
             }
 
-            /// The long name.
+            /// Long name of the state.
             #[must_use]
             pub fn as_str(&self) -> &str {
                 match self {
@@ -37,7 +38,7 @@ macro_rules! states {
                 }
             }
 
-            /// What the state says about the job's life.
+            /// Meaning of the state for the life of the job.
             #[must_use]
             pub fn bearing(&self) -> Bearing {
                 match self {
@@ -49,16 +50,16 @@ macro_rules! states {
     };
 }
 
-/// What a state says about a job's life.
+/// Meaning of a state for the life of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Bearing {
-    /// It waits for its start.
+    /// The job waits for its start.
     Waiting,
-    /// It has nodes and may have processes.
+    /// The job has nodes and may have processes.
     Running,
-    /// It has ended.
+    /// The job has ended.
     Ended,
-    /// Neither can be told: wait, and show the state.
+    /// The state shows neither life nor an end: wait, and show the state.
     Unclear,
 }
 
@@ -69,29 +70,29 @@ states! {
     Cancelled = "CANCELLED" / "CA": Bearing::Ended,
     /// All processes ended with exit code 0.
     Completed = "COMPLETED" / "CD": Bearing::Ended,
-    /// Has nodes that are being made ready.
+    /// Waits for nodes that are being prepared.
     Configuring = "CONFIGURING" / "CF": Bearing::Waiting,
-    /// Is ending; processes may still be there.
+    /// Is ending, but processes may still exist.
     Completing = "COMPLETING" / "CG": Bearing::Running,
     /// Ended at its deadline.
     Deadline = "DEADLINE" / "DL": Bearing::Ended,
     /// Ended with an exit code other than 0.
     Failed = "FAILED" / "F": Bearing::Ended,
-    /// Could not be started on its nodes; Slurm may requeue it.
+    /// Could not be started on its nodes, and Slurm may requeue it.
     LaunchFailed = "LAUNCH_FAILED" / "LF": Bearing::Unclear,
-    /// A node of it failed. Its processes may be alive.
+    /// Ended because one of its nodes failed, but its processes may be alive.
     NodeFail = "NODE_FAIL" / "NF": Bearing::Ended,
     /// Used more memory than it was given.
     OutOfMemory = "OUT_OF_MEMORY" / "OOM": Bearing::Ended,
-    /// Waits.
+    /// Waits for resources or its turn.
     Pending = "PENDING" / "PD": Bearing::Waiting,
-    /// Its nodes are being powered up.
+    /// Waits for nodes that are being powered up.
     PowerUpNode = "POWER_UP_NODE" / "PU": Bearing::Waiting,
-    /// Had to make room for another.
+    /// Ended to make room for another job.
     Preempted = "PREEMPTED" / "PR": Bearing::Ended,
-    /// The nodes could not be reconfigured for it; Slurm may requeue it.
+    /// Waits because its nodes could not be reconfigured, and Slurm may requeue it.
     ReconfigFail = "RECONFIG_FAIL" / "RCF": Bearing::Unclear,
-    /// Runs.
+    /// Runs on its nodes.
     Running = "RUNNING" / "R": Bearing::Running,
     /// Held because its reservation was deleted.
     ResvDelHold = "RESV_DEL_HOLD" / "RD": Bearing::Waiting,
@@ -109,15 +110,15 @@ states! {
     Signaling = "SIGNALING" / "SI": Bearing::Running,
     /// Requeued in a special state, held.
     SpecialExit = "SPECIAL_EXIT" / "SE": Bearing::Waiting,
-    /// Files are being staged out.
+    /// Is staging out files.
     StageOut = "STAGE_OUT" / "SO": Bearing::Running,
-    /// Stopped by SIGSTOP, keeps its cores.
+    /// Stopped by SIGSTOP, but keeps its cores.
     Stopped = "STOPPED" / "ST": Bearing::Running,
-    /// Suspended, its cores given to others.
+    /// Suspended, with its cores given to other jobs.
     Suspended = "SUSPENDED" / "S": Bearing::Running,
     /// Ended at its time limit.
     Timeout = "TIMEOUT" / "TO": Bearing::Ended,
-    /// The database is being told of a change.
+    /// Is reporting a change to the database.
     UpdateDb = "UPDATE_DB" / "UD": Bearing::Running,
 }
 
@@ -133,7 +134,7 @@ impl From<SlurmState> for String {
     }
 }
 
-/// Who cancelled, where the state says so: `CANCELLED by 1001`.
+/// User id of the canceller, if the state has one: `CANCELLED by 1001`.
 #[must_use]
 pub fn cancelled_by(text: &str) -> Option<u32> {
     crate::job::number(text.strip_prefix("CANCELLED by ")?)

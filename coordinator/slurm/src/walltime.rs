@@ -1,17 +1,19 @@
-//! Times as Slurm writes them: limits and durations `[days-]hours:minutes:seconds`, instants as seconds since 1970.
+//! Times in Slurm's notation: limits and durations as `[days-]hours:minutes:seconds`, instants as
+//! seconds since 1970.
 
 use crate::job::number;
 
 /// A limit on time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Limit {
-    /// At most so many seconds.
+    /// Number of seconds.
     Seconds(u64),
-    /// None.
+    /// No limit.
     Unlimited,
 }
 
-/// Reads what Slurm prints for a limit: `D-HH:MM:SS`, `HH:MM:SS`, `MM:SS` or `UNLIMITED`; `None` for anything else.
+/// Reads a limit that Slurm prints: `D-HH:MM:SS`, `HH:MM:SS`, `MM:SS` or `UNLIMITED`; `None` for
+/// any other text.
 #[must_use]
 pub fn parse(text: &str) -> Option<Limit> {
     if text.eq_ignore_ascii_case("unlimited") {
@@ -40,7 +42,7 @@ pub fn parse(text: &str) -> Option<Limit> {
     Some(Limit::Seconds(seconds))
 }
 
-/// `seconds` as sbatch takes it: `D-HH:MM:SS`, or `HH:MM:SS` below a day.
+/// `seconds` in sbatch's notation: `D-HH:MM:SS`, or `HH:MM:SS` below a day.
 #[must_use]
 pub fn text(seconds: u64) -> String {
     let (days, rest) = (seconds / 86_400, seconds % 86_400);
@@ -52,8 +54,8 @@ pub fn text(seconds: u64) -> String {
     }
 }
 
-/// Reads an instant that a command printed with `SLURM_TIME_FORMAT=%s`; `None` for `N/A`, `Unknown`, `None` and for
-/// local times, whose zone is not known.
+/// Reads an instant that a command printed with `SLURM_TIME_FORMAT=%s`; `None` for `N/A`,
+/// `Unknown`, `None` and local times, whose zone is unknown.
 #[must_use]
 pub fn instant(text: &str) -> Option<i64> {
     number(text)

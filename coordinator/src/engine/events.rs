@@ -121,7 +121,7 @@ pub struct RunSummary {
     pub failed: usize,
     /// Number of patients cancelled by a person.
     pub cancelled: usize,
-    /// Number of patients that are not over because the run was stopped.
+    /// Number of patients that are not over.
     pub unfinished: usize,
     /// Number of attempts, or of elements of jobs, that this run submitted.
     pub submitted: u64,

@@ -278,7 +278,7 @@ impl Decider {
                 derivation::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
             match self.open_purged(world, i, &evaluation.next)? {
                 Inputs::Settled => break evaluation,
-                // Each pass reopens a published task, so the loop ends.
+                // Each pass reopens published tasks, each at most once, so the loop ends.
                 Inputs::Reopened => {}
                 Inputs::Unseen => return Ok(false),
             }

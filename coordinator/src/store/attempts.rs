@@ -1,62 +1,62 @@
-//! Tables `attempts` (one try at a task) and `allocations` (what a scheduler gave for it).
+//! Tables `attempts` (tries at tasks) and `allocations` (resources that a scheduler gave for them).
 
 use cardiotwin_workflow::attempt::Attempt;
 use serde::Serialize;
 
-/// A new row.
+/// A new row of `attempts`.
 #[derive(Debug, Serialize)]
 pub struct NewAttempt<'a> {
-    /// The task.
+    /// Key of the task.
     pub task: &'a str,
-    /// Which try.
+    /// Generation of the attempt, from 1.
     pub generation: u32,
-    /// Where it runs.
+    /// Row id of the allocation in which it runs.
     pub allocation: i64,
-    /// Relative to the run directory.
+    /// Directory, relative to the run directory.
     pub directory: &'a str,
     /// First state.
     pub state: &'a Attempt,
-    /// Its word.
+    /// Name of the state.
     pub word: &'a str,
-    /// Milliseconds since 1970.
+    /// Time of planning, milliseconds since 1970.
     pub planned_ms: i64,
 }
 
-/// A changed row.
+/// A changed row of `attempts`.
 #[derive(Debug, Serialize)]
 pub struct AttemptChange<'a> {
-    /// The task.
+    /// Key of the task.
     pub task: &'a str,
-    /// Which try.
+    /// Generation of the attempt.
     pub generation: u32,
-    /// The version that stands in the store.
+    /// Version of the row in the store before the change.
     pub version: i64,
     /// The new state.
     pub state: &'a Attempt,
-    /// Its word.
+    /// Name of the new state.
     pub word: &'a str,
-    /// Whether it is over.
+    /// Whether the attempt is over.
     pub over: bool,
-    /// Process id or job id; absent: as it was.
+    /// Process id or job id; `None` keeps the stored one.
     pub external_id: Option<&'a str>,
-    /// Who claimed it, in JSON; absent: as it was.
+    /// Claim of the worker as JSON; `None` keeps the stored one.
     pub claim: Option<&'a str>,
-    /// Milliseconds since 1970.
+    /// Time of the end, milliseconds since 1970; `None` if it is not over.
     pub ended_ms: Option<i64>,
 }
 
-/// A row as it was read.
+/// A row of `attempts` as read.
 #[derive(Debug, Clone)]
 pub struct AttemptRow {
-    /// The task.
+    /// Key of the task.
     pub task: String,
-    /// Which try.
+    /// Generation of the attempt.
     pub generation: u32,
-    /// Relative to the run directory.
+    /// Directory, relative to the run directory.
     pub directory: String,
-    /// Guards updates.
+    /// Version of the row, which guards updates.
     pub version: i64,
-    /// Where it stands.
+    /// State of the attempt.
     pub state: Attempt,
 }
 
@@ -84,7 +84,7 @@ WHERE task IN (SELECT task FROM steps WHERE patient_id = ?1) ORDER BY generation
 pub(super) const OPEN_ALLOCATION: &str = "
 INSERT INTO allocations (kind, external_id, host, opened_ms) VALUES (?1, ?2, ?3, ?4)";
 
-/// Also closes those whose coordinator could not: there is one writer, so none of them is alive.
+/// Also closes allocations whose coordinator died: there is one writer, so none of them is in use.
 pub(super) const CLOSE_ALLOCATIONS: &str =
     "UPDATE allocations SET closed_ms = ?1 WHERE closed_ms IS NULL AND kind = ?2";
 

@@ -1,7 +1,7 @@
 //! A batch of transitions: rows of every table, committed as one transaction.
 //!
-//! Each table's rows travel as one JSON array into one statement, so that a commit of a thousand transitions costs the
-//! same ten statements as a commit of one.
+//! The rows of each table travel as one JSON array into one statement, so a commit of a thousand
+//! transitions takes as many statements as a commit of one.
 
 use serde::Serialize;
 
@@ -22,7 +22,7 @@ impl Rows {
         self.count += 1;
     }
 
-    /// The rows as a JSON array; `None` where there are none.
+    /// The rows as a JSON array, and their number; `None` if there are none.
     pub(super) fn take(&mut self) -> Option<(String, usize)> {
         if self.count == 0 {
             return None;
@@ -33,7 +33,7 @@ impl Rows {
     }
 }
 
-/// Everything that one commit changes.
+/// All changes of one commit.
 #[derive(Debug, Default)]
 pub struct Batch {
     pub(super) new_patients: Rows,
@@ -78,88 +78,90 @@ impl Batch {
         rows.iter().all(|rows| rows.count == 0) && self.done.is_empty()
     }
 
-    /// A patient that the store does not know yet.
+    /// Inserts a patient that is new to the store.
     pub fn insert_patient(&mut self, row: &patients::PatientRow) {
         self.new_patients.push(row);
     }
 
-    /// A patient whose row changed; `row.version` is the one that stands in the store, which becomes one higher.
+    /// Updates a patient's row. `row.version` is the version in the store, which the update raises
+    /// by one.
     pub fn update_patient(&mut self, row: &patients::PatientRow) {
         self.patients.push(row);
     }
 
-    /// What a patient's plan is made of, new or changed.
+    /// Inserts or replaces a patient's plan.
     pub fn put_plan(&mut self, row: &patients::PlanRow) {
         self.plans.push(row);
     }
 
-    /// A patient's chain changed.
+    /// Updates a patient's chain.
     pub fn update_chain(&mut self, row: &patients::ChainRow<'_>) {
         self.chains.push(row);
     }
 
-    /// A task that the store does not know yet.
+    /// Inserts a task that is new to the store.
     pub fn insert_task(&mut self, row: &tasks::NewTask<'_>) {
         self.new_tasks.push(row);
     }
 
-    /// A task whose state changed; guarded as patients are.
+    /// Updates a task's row, guarded by its version.
     pub fn update_task(&mut self, row: &tasks::TaskChange<'_>) {
         self.tasks.push(row);
     }
 
-    /// A step of a patient's chain is (now) this task.
+    /// Links a step of a patient's chain to a task, in place of an earlier one.
     pub fn append_step(&mut self, row: &steps::StepRow<'_>) {
         self.steps.push(row);
     }
 
-    /// A new attempt.
+    /// Inserts an attempt.
     pub fn insert_attempt(&mut self, row: &attempts::NewAttempt<'_>) {
         self.new_attempts.push(row);
     }
 
-    /// An attempt whose state changed; guarded as patients are.
+    /// Updates an attempt's row, guarded by its version.
     pub fn update_attempt(&mut self, row: &attempts::AttemptChange<'_>) {
         self.attempts.push(row);
     }
 
-    /// A line of the log.
+    /// Appends an event to the log.
     pub fn append_event(&mut self, row: &events::NewEvent<'_>) {
         self.events.push(row);
     }
 
-    /// An action to be done after the commit.
+    /// Adds an action to be executed after the commit.
     pub fn put_action(&mut self, row: &outbox::NewAction<'_>) {
         self.outbox.push(row);
     }
 
-    /// A job of a cluster whose name becomes durable.
+    /// Inserts a job of a cluster, whose name is durable from then on.
     pub fn insert_job(&mut self, row: &cluster_jobs::JobRow) {
         self.new_jobs.push(row);
     }
 
-    /// A job that changed; guarded as patients are.
+    /// Updates a job's row, guarded by its version.
     pub fn update_job(&mut self, row: &cluster_jobs::JobRow) {
         self.jobs.push(row);
     }
 
-    /// What a patient's next job is given.
+    /// Inserts or replaces the allotment for a patient's next job.
     pub fn put_allotment(&mut self, row: &cluster_jobs::AllotmentRow<'_>) {
         self.allotments.push(row);
     }
 
-    /// A single value.
+    /// Sets a single value.
     pub fn put_meta(&mut self, key: &str, value: &str) {
         self.meta
             .push(&serde_json::json!({ "key": key, "value": value }));
     }
 
-    /// Actions that were done.
+    /// Removes executed actions.
     pub fn actions_done(&mut self, ids: impl IntoIterator<Item = i64>) {
         self.done.extend(ids);
     }
 
-    /// The statements of this batch in the order that foreign keys ask for, each with its rows and its guard.
+    /// The statements of this batch in the order required by foreign keys, each with its rows and
+    /// its guard.
     pub(super) fn statements(&mut self) -> Vec<Statement> {
         let mut statements = Vec::new();
         let mut add = |rows: &mut Rows, sql: &'static str, guard: Option<&'static str>| {
@@ -203,7 +205,7 @@ impl Batch {
 pub(super) struct Statement {
     pub(super) sql: &'static str,
     pub(super) json: String,
-    /// Table and number of rows that must have changed.
+    /// Table, and number of its rows that must have changed.
     pub(super) guard: Option<(&'static str, usize)>,
 }
 

@@ -1,4 +1,5 @@
-//! A patient's simulations before effects were accepted, found among all that its steps ever were.
+//! A patient's simulations before effects were accepted, found among all present and former tasks
+//! of the chain.
 
 use std::collections::HashMap;
 
@@ -12,12 +13,12 @@ use cardiotwin_workflow::patient::Stage;
 
 use super::record::Settled;
 
-/// What a step once was.
+/// A present or former task of a step.
 #[derive(Debug)]
 pub(super) struct Was {
     pub(super) stage: Stage,
     pub(super) key: TaskKey,
-    /// Absent where it is one of an earlier format.
+    /// `None` for a specification in an earlier format.
     pub(super) spec: Option<TaskSpec>,
 }
 
@@ -28,9 +29,10 @@ fn beat(result: &TaskResult) -> Option<OrganBeatResult> {
     }
 }
 
-/// The latest of the same ventricle without any of the plan's effects; nothing where there is none.
+/// The latest simulations of the same ventricle without any of the plan's effects; `None` if there
+/// are none.
 ///
-/// - `history`: all that the patient's steps ever were, oldest first
+/// - `history`: present and former tasks of the patient's steps, oldest first
 pub(super) fn before(
     plan: &ResolvedPatient,
     step0: Option<&PassiveStateResult>,
@@ -56,7 +58,7 @@ pub(super) fn before(
         settled.get(&was.key)?.record(&was.key, beat)
     };
     let of = |stage: Stage| history.iter().rev().filter(move |was| was.stage == stage);
-    // The simulation that step 1 took is the one whose nodal traces became targets.
+    // The best simulation of step 1 is the one whose nodal traces became targets.
     let taken = |was: &Was| {
         let Some(TaskSpec::Targets(targets)) = &was.spec else {
             return None;
@@ -74,7 +76,7 @@ pub(super) fn before(
     (found.step1.is_some() || found.verification.is_some()).then_some(found)
 }
 
-/// Of the same kind, on a mesh of as many nodes.
+/// Whether two ventricles have the same kind and, in 3D, meshes of equally many nodes.
 fn same_ventricle(a: &OrganSpec, b: &OrganSpec) -> bool {
     match (a, b) {
         (OrganSpec::Reduced { .. }, OrganSpec::Reduced { .. }) => true,

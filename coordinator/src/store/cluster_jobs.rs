@@ -1,4 +1,4 @@
-//! Tables `jobs` (submissions to a cluster) and `allotments` (what a patient's next job is given).
+//! Tables `jobs` (submissions to a cluster) and `allotments` (resources for patients' next jobs).
 
 use std::collections::HashMap;
 
@@ -11,48 +11,48 @@ use crate::clock;
 /// A row of `jobs`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JobRow {
-    /// Unique name.
+    /// Unique name of the job.
     pub name: String,
-    /// Guards updates.
+    /// Version of the row, which guards updates.
     pub version: i64,
-    /// Whether nothing of it can live any more, and everything that it left was taken up.
+    /// Whether no element of the job can be live any more and all their ends were dealt with.
     pub over: bool,
-    /// Where it stands.
+    /// State of the submission and of each element.
     pub state: ClusterJob,
-    /// What was asked for.
+    /// Requested resources and patients.
     pub spec: JobSpec,
-    /// What the scheduler said last of each element.
+    /// Last report of the scheduler on each element.
     pub seen: Vec<SeenElement>,
-    /// Milliseconds since 1970.
+    /// Time of the decision to submit, milliseconds since 1970.
     pub intended_ms: i64,
 }
 
-/// What was asked for.
+/// Resources and patients of a job.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct JobSpec {
-    /// Queue of the site's profile.
+    /// Name of the queue in the site's profile.
     pub queue: String,
-    /// QoS, where one was named.
+    /// QoS; `None` if none is named.
     pub qos: Option<String>,
-    /// Whether it is an array.
+    /// Whether the job is an array.
     pub is_array: bool,
-    /// Elements at once.
+    /// Largest number of elements at once; `None` means no throttle.
     pub at_once: Option<u32>,
     /// Nodes of each element.
     pub n_nodes: u32,
-    /// Cores of each, where single ones are given.
+    /// Cores of each element on a queue that gives single cores.
     pub n_cores: u32,
-    /// Memory of each, MiB, where single cores are given.
+    /// Memory of each element on a queue that gives single cores, MiB.
     pub memory_mib: Option<u64>,
-    /// Simulations at once on each node.
+    /// Number of simulations side by side on each node.
     pub lanes: u32,
-    /// Threads of each.
+    /// Threads of each simulation.
     pub threads: u32,
     /// Walltime, s.
     pub walltime_s: u64,
     /// Expected node-hours of all elements.
     pub expected_node_hours: f64,
-    /// Nodes, or parts of one, that an hour of an element is charged.
+    /// Number of nodes, or fraction of a node, that an element is charged for.
     pub nodes_charged: f64,
     /// Nodes to avoid.
     pub exclude: Vec<String>,
@@ -63,55 +63,56 @@ pub struct JobSpec {
 /// A patient in a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Placed {
-    /// Whose.
+    /// Row id of the patient.
     pub patient_id: i64,
-    /// Tasks of the chain that were settled when it was submitted: more at the end is progress.
+    /// Number of settled tasks of the chain at submission. A larger number at the end is progress.
     pub settled: usize,
-    /// Which plan of the patient's it was given ([`Allotment::plans`]): another one makes the job's work stale.
+    /// Number of the patient's plan at submission ([`Allotment::plans`]). If it has changed, the
+    /// job's work is stale.
     pub plan: u64,
 }
 
-/// What the scheduler said last of an element.
+/// Last report of the scheduler on an element.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SeenElement {
-    /// In words: what it waits for.
+    /// Reason for which it waits, in words.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub why: String,
-    /// When it started, or is expected to, seconds since 1970.
+    /// Actual or expected start, seconds since 1970.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_s: Option<i64>,
-    /// How long it ran, s, where that is known.
+    /// Elapsed time, s; `None` if it is unknown.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elapsed_s: Option<u64>,
-    /// Its nodes.
+    /// Nodes of the element in Slurm's notation.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub nodes: String,
-    /// Whether its end was taken up for its patients.
+    /// Whether its end was dealt with for its patients.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub settled: bool,
 }
 
-/// What a patient's next job is given, and what its earlier ones cost.
+/// Resources for a patient's next job, and retries that its earlier jobs cost.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Allotment {
-    /// How often the plan changed to one that leads to other tasks.
+    /// Number of times that the plan changed to one with other tasks.
     pub plans: u64,
-    /// Repeats that were charged to the site.
+    /// Number of repeats charged to the site.
     pub infrastructure: u32,
-    /// Repeats that were charged to nothing.
+    /// Number of repeats charged to nothing.
     pub free: u32,
-    /// Memory of its worker, MiB, where not as the settings say.
+    /// Memory of the patient's worker, MiB; `None` means the settings apply.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub memory_mib: Option<u64>,
-    /// Simulations at once on its node, where fewer than fit by their cores.
+    /// Number of simulations side by side on its node; `None` means as many as its cores allow.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lanes: Option<u32>,
     /// Nodes to avoid.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub exclude: Vec<String>,
-    /// For a person: why it is tried again.
+    /// Reason of the last repeat, for a person.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub why: String,
 }
@@ -119,44 +120,44 @@ pub struct Allotment {
 /// A row of `allotments`.
 #[derive(Debug, Serialize)]
 pub struct AllotmentRow<'a> {
-    /// Whose.
+    /// Row id of the patient.
     pub patient_id: i64,
-    /// What.
+    /// The allotment, stored as JSON.
     pub allotment: &'a Allotment,
 }
 
-/// What a run knows of its cluster beyond jobs: kept beside the cohort's name, shown by `status`.
+/// State of a run's cluster apart from its jobs, stored as a single value and shown by `status`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ClusterReport {
-    /// The site.
+    /// Name of the site.
     pub site: String,
-    /// When the queue answered last, milliseconds since 1970.
+    /// Time of the queue's last answer, milliseconds since 1970.
     pub answered_ms: Option<i64>,
-    /// Why the last question had no answer.
+    /// Reason why the last query had no answer; `None` if it had one.
     pub no_answer: Option<String>,
-    /// Commands in a row that had none.
+    /// Number of consecutive commands without an answer.
     pub silent: u32,
-    /// Before this time nothing is asked, milliseconds since 1970.
+    /// Time before which Slurm is not asked, milliseconds since 1970.
     pub asks_again_ms: i64,
-    /// Why nothing is submitted at present.
+    /// Reason for which nothing is submitted at present; `None` if submission is possible.
     pub holds: Option<String>,
-    /// What a node-hour is charged, and in what.
+    /// Charge per node-hour, in `charge_unit`.
     pub charge_per_node_hour: f64,
-    /// As above.
+    /// Unit of the charge.
     pub charge_unit: String,
-    /// Node-hours that are expected to be needed for what waits.
+    /// Expected node-hours of the patients that wait for a job.
     pub node_hours_left: f64,
-    /// Seconds until the last job is expected to end, from `answered_ms` on.
+    /// Time from `answered_ms` until the expected end of the last job, s.
     pub finish_after_s: Option<f64>,
-    /// Commands that the last tick asked.
+    /// Number of commands in the last tick.
     pub commands: u32,
 }
 
-/// Key of [`ClusterReport`] among the single values.
+/// Key of [`ClusterReport`] among the store's single values.
 pub const REPORT: &str = "cluster";
 
-/// The scheduler's number of an element, or the job's name while there is none.
+/// Scheduler's number of an element, or the job's name while the number is unknown.
 #[must_use]
 pub fn id_text(row: &JobRow, element: usize) -> String {
     match row.state.submission {
@@ -167,7 +168,7 @@ pub fn id_text(row: &JobRow, element: usize) -> String {
     }
 }
 
-/// What `status` shows of the cluster.
+/// State of the cluster as `status` shows it.
 #[must_use]
 pub fn status(
     report: &ClusterReport,
@@ -226,28 +227,28 @@ pub fn status(
     }
 }
 
-/// A job that a patient was in, for a person.
+/// A job in which a patient was placed, for a person.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JobRecord {
-    /// The scheduler's number, or the name while there is none.
+    /// Scheduler's number, or the job's name while the number is unknown.
     pub id: String,
-    /// Unique name, also its folder's below `slurm`.
+    /// Unique name, which is also the name of its folder below `slurm`.
     pub name: String,
-    /// Its folder: script, orders, logs.
+    /// Folder with script, orders and logs.
     pub folder: std::path::PathBuf,
-    /// `waiting`, `running`, …, `over`.
+    /// Name of the state: `waiting`, `running`, …, `over`.
     pub state: String,
-    /// What it waits for, or how it ended.
+    /// Reason for which it waits, or how it ended.
     pub why: String,
-    /// Nodes that it had.
+    /// Nodes of the element in Slurm's notation.
     pub nodes: String,
-    /// How long it ran, s, where that is known.
+    /// Elapsed time, s; `None` if it is unknown.
     pub elapsed_s: Option<u64>,
-    /// Element of the array, where it is one.
+    /// Element of the array; `None` for a single job.
     pub element: Option<usize>,
 }
 
-/// Jobs that a patient was in, oldest first.
+/// Jobs in which a patient was placed, oldest first.
 #[must_use]
 pub fn of_patient(jobs: &[JobRow], patient_id: i64, run_dir: &std::path::Path) -> Vec<JobRecord> {
     let mut records = Vec::new();
@@ -276,7 +277,7 @@ pub fn of_patient(jobs: &[JobRow], patient_id: i64, run_dir: &std::path::Path) -
     records
 }
 
-/// Expected node-hours of elements that are not over.
+/// Expected node-hours of the elements whose ends were not dealt with.
 fn alive_expected(jobs: &[JobRow]) -> f64 {
     let share = |row: &JobRow| {
         let open = row.seen.iter().filter(|seen| !seen.settled).count();

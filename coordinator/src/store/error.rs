@@ -1,162 +1,162 @@
-//! What can go wrong with the store, each with what to do about it.
+//! Errors of the store. Each message says what to do.
 
 use std::path::PathBuf;
 
 use cardiotwin_schemas::ids::PatientId;
 
-/// A failure of the store. Nothing that was committed before it is lost.
+/// A failure of the store. Everything committed before it remains.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// There is no run here.
+    /// The run directory has no database.
     #[error("{file} does not exist: nothing was run here yet; `cardiotwin run` makes it")]
     Missing {
-        /// The database.
+        /// Path of the database.
         file: PathBuf,
     },
-    /// The file is something else.
+    /// The file is not a database of cardiotwin.
     #[error(
         "{file} is no database of cardiotwin ({found}); give another run directory with --run-dir"
     )]
     NotOurs {
-        /// The file.
+        /// Path of the file.
         file: PathBuf,
-        /// What was found.
+        /// Description of the found content.
         found: String,
     },
-    /// A newer program made it.
+    /// A newer program wrote the database.
     #[error(
         "{file} has format {found}, written by cardiotwin {written_by}; this is cardiotwin {version}, which knows \
          formats up to {known}: use the newer program, nothing was changed"
     )]
     Newer {
-        /// The database.
+        /// Path of the database.
         file: PathBuf,
-        /// Its format.
+        /// Format of the database.
         found: i64,
-        /// Ours.
+        /// Newest format that this program reads.
         known: i64,
-        /// Who wrote it.
+        /// Version of the program that wrote the database.
         written_by: String,
-        /// Who we are.
+        /// Version of this program.
         version: &'static str,
     },
-    /// An older program made it and we may only read.
+    /// An older program wrote the database, and this process may only read it.
     #[error("{file} has format {found}, older than {known}: `cardiotwin run` brings it up to date")]
     Older {
-        /// The database.
+        /// Path of the database.
         file: PathBuf,
-        /// Its format.
+        /// Format of the database.
         found: i64,
-        /// Ours.
+        /// Format that this program reads.
         known: i64,
     },
-    /// The content does not hold together.
+    /// The database is damaged.
     #[error(
         "{file} is damaged ({found}); restore it from a backup, or move it away and run again: finished attempts \
          beside it stay as they are"
     )]
     Corrupted {
-        /// The database.
+        /// Path of the database.
         file: PathBuf,
-        /// What SQLite's check found.
+        /// Result of SQLite's check.
         found: String,
     },
-    /// No space left.
+    /// The disk is full.
     #[error(
         "no space left for {file}: free some and run again, nothing that was committed is lost"
     )]
     DiskFull {
-        /// The database.
+        /// Path of the database.
         file: PathBuf,
-        /// SQLite's words.
+        /// Error of SQLite.
         source: sqlx::Error,
     },
-    /// We may not write there.
+    /// The database may not be written.
     #[error("cannot write {file}: its directory or file system is read-only for this user")]
     ReadOnly {
-        /// The database.
+        /// Path of the database.
         file: PathBuf,
-        /// SQLite's words.
+        /// Error of SQLite.
         source: sqlx::Error,
     },
-    /// Somebody else wrote in between.
+    /// Another process wrote to the database in between.
     #[error(
         "{table} changed behind this coordinator's back ({changed} of {expected} guarded updates held); \
          is another program writing to this database?"
     )]
     Guard {
-        /// Which table.
+        /// Name of the table.
         table: &'static str,
-        /// Rows that were to change.
+        /// Number of rows that had to change.
         expected: usize,
-        /// Rows that changed.
+        /// Number of rows that changed.
         changed: u64,
     },
-    /// Another coordinator took the lease: this one slept, or its host was cut off.
+    /// Another coordinator took the lease, because this one slept or its host was cut off.
     #[error(
         "this coordinator's lease (generation {generation}) is over, generation {now} is the present one: nothing was committed; \
          what it began is taken up by the other"
     )]
     LeaseLost {
-        /// Ours.
+        /// Generation of this coordinator's lease.
         generation: u64,
-        /// The present one.
+        /// Generation of the present lease.
         now: u64,
     },
-    /// A copy that does not hold together.
+    /// A copy of the database is damaged.
     #[error("the copy {file} is damaged ({found}): nothing was kept; is the disk full or failing?")]
     BadCopy {
-        /// The copy.
+        /// Path of the copy.
         file: PathBuf,
-        /// What SQLite's check found.
+        /// Result of SQLite's check.
         found: String,
     },
-    /// No such patient in the run.
+    /// The run has no patient of this name.
     #[error("no patient {patient} in this run; known are {known}")]
     NoPatient {
-        /// What was asked for.
+        /// Requested patient.
         patient: PatientId,
-        /// What there is.
+        /// Names of the first patients of the run.
         known: String,
     },
-    /// A column holds something that this version cannot read.
+    /// A column holds a text that this version cannot read.
     #[error("{table}.{column} of {row} cannot be read")]
     Content {
-        /// Which table.
+        /// Name of the table.
         table: &'static str,
-        /// Which column.
+        /// Name of the column.
         column: &'static str,
-        /// Which row.
+        /// Key of the row.
         row: String,
-        /// Why.
+        /// Error of the JSON parser.
         source: serde_json::Error,
     },
-    /// A file beside the database.
+    /// A file beside the database cannot be accessed.
     #[error("cannot {what} {file}")]
     File {
-        /// Verb.
+        /// Verb of the failed operation.
         what: &'static str,
-        /// Which.
+        /// Path of the file.
         file: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// Everything else that SQLite says.
+    /// Any other error of SQLite.
     #[error("{file}: {what} failed")]
     Sql {
-        /// The database.
+        /// Path of the database.
         file: PathBuf,
-        /// What was tried.
+        /// Operation that failed.
         what: &'static str,
-        /// SQLite's words.
+        /// Error of SQLite.
         source: sqlx::Error,
     },
 }
 
 impl StoreError {
-    /// Gives SQLite's answer its class.
+    /// Classifies an error of SQLite.
     pub(super) fn from_sqlite(file: PathBuf, what: &'static str, source: sqlx::Error) -> Self {
-        // Extended result codes keep the primary one in the low byte.
+        // Extended result codes have the primary code in their low byte.
         let code = match &source {
             sqlx::Error::Database(error) => error
                 .code()
@@ -166,7 +166,7 @@ impl StoreError {
         };
         match code {
             Some((13, _)) => Self::DiskFull { file, source }, // SQLITE_FULL
-            // SQLITE_READONLY and SQLITE_PERM; SQLITE_CANTOPEN of an existing file is a matter of permission, too.
+            // SQLITE_READONLY and SQLITE_PERM.
             Some((8 | 3, _)) => Self::ReadOnly { file, source },
             Some((11, _)) => Self::Corrupted {
                 found: source.to_string(),

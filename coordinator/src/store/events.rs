@@ -1,22 +1,23 @@
-//! Table `events`: append-only; replaying it through the machines gives the states of the other tables.
+//! Table `events`: append-only. Replaying it through the state machines gives the states of the
+//! other tables.
 
 use serde::Serialize;
 use serde_json::Value;
 
-/// A new line.
+/// A new row of `events`.
 #[derive(Debug, Serialize)]
 pub struct NewEvent<'a> {
-    /// Milliseconds since 1970.
+    /// Time, milliseconds since 1970.
     pub at_ms: i64,
-    /// `patient`, `task` or `attempt`.
+    /// State machine: `patient`, `task`, `attempt` or `job`.
     pub machine: &'static str,
-    /// Whose, for `patient`.
+    /// Row id of the patient, for the machine `patient`.
     pub patient_id: Option<i64>,
-    /// Which task, for `task` and `attempt`.
+    /// Key of the task, for the machines `task` and `attempt`.
     pub task: Option<&'a str>,
-    /// Which attempt.
+    /// Generation of the attempt, for the machine `attempt`.
     pub generation: Option<u32>,
-    /// As it was fed to the machine.
+    /// The event that was fed to the machine.
     pub event: &'a Value,
 }
 

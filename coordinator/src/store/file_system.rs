@@ -1,11 +1,13 @@
-//! What kind of file system a run lies on: on one that several hosts share, SQLite's write-ahead log does not hold.
+//! Kind of the file system of a run. On one that several hosts share, SQLite's write-ahead log does
+//! not work.
 
 use std::path::Path;
 
-/// Says `network` or `local` instead of what is found, for tests and for file systems that are not listed.
+/// Environment variable that overrides the detection with `network` or `local`, for tests and for
+/// file systems that are not listed.
 pub const VARIABLE: &str = "CARDIOTWIN_FILE_SYSTEM";
 
-/// Numbers of statfs(2), of the kernel's magic.h and of the file systems' own sources.
+/// Numbers reported by statfs(2), from the kernel's magic.h and the sources of the file systems.
 const SHARED: [(u64, &str); 12] = [
     (0x6969, "NFS"),
     (0x0BD0_0BD0, "Lustre"),
@@ -21,7 +23,7 @@ const SHARED: [(u64, &str); 12] = [
     (0x0116_1970, "GFS2"),
 ];
 
-/// The shared file system that a directory lies on, by its name; `None` for a local one.
+/// Name of the shared file system on which a directory lies; `None` for a local one.
 #[must_use]
 pub fn shared(directory: &Path) -> Option<&'static str> {
     match std::env::var(VARIABLE).as_deref() {

@@ -1,8 +1,10 @@
-//! The lease of a coordinator's tick where an operating system's lock may not reach: hosts that share a file system.
+//! The lease of a coordinator's tick, for hosts that share a file system on which a lock of the
+//! operating system may not reach the other hosts.
 //!
-//! Files `lease/<generation>.json`, each created exclusively, the highest counts. Whoever finds it released, expired or
-//! its process dead creates the next one: of several, one succeeds. A holder looks before each commit whether a higher
-//! one exists, so that a tick that slept through its lease commits nothing.
+//! Files `lease/<generation>.json` are created exclusively, and the highest generation counts. A
+//! process that finds it released, expired or its holder dead creates the next one: of several
+//! processes, one succeeds. Before each commit the holder checks for a higher generation, so that a
+//! tick that slept through its lease commits nothing.
 
 use std::fs;
 use std::io::{self, Write as _};
@@ -16,10 +18,11 @@ use super::lock::{LockError, LockHolder};
 use crate::clock;
 
 const FOLDER: &str = "lease";
-/// How long a lease holds without being renewed, ms. A tick takes seconds; it is renewed with each commit.
+/// Time for which a lease holds without renewal, ms. A tick takes seconds, and its commits renew
+/// the lease.
 pub const HOLDS_MS: i64 = 10 * 60 * 1000;
 
-/// What a lease's file says.
+/// Content of a lease's file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct Text {
     holder: Claim,
@@ -28,7 +31,7 @@ struct Text {
     released: bool,
 }
 
-/// A lease that is held; released when dropped.
+/// A held lease, which is released when dropped.
 #[derive(Debug)]
 pub struct Lease {
     folder: PathBuf,
@@ -40,10 +43,12 @@ fn file(folder: &Path, generation: u64) -> PathBuf {
 }
 
 impl Lease {
-    /// Takes the lease of a run directory for `holder`; `lives` tells whether a holder on this host does.
+    /// Takes the lease of a run directory for `holder`. `lives` returns whether the process of a
+    /// claim is alive; `None` means that this host cannot tell.
     ///
     /// # Errors
-    /// [`LockError::Held`] naming the holder, [`LockError::Io`] for the rest.
+    /// [`LockError::Held`] with the holder, or [`LockError::Io`] if a file cannot be read or
+    /// written.
     pub fn acquire(
         run_dir: &Path,
         holder: &Claim,
@@ -59,7 +64,8 @@ impl Lease {
         loop {
             let highest = highest(&folder).map_err(io(&folder))?;
             if highest > 0 {
-                // Half written is as held: its writer is at it, or the time since it was made decides.
+                // A half-written lease counts as held until the age of its file exceeds the time of
+                // a lease.
                 let found = read(&file(&folder, highest));
                 let held = match &found {
                     Some(text) => {
@@ -93,7 +99,8 @@ impl Lease {
             let path = file(&folder, generation);
             match fs::File::options().write(true).create_new(true).open(&path) {
                 Ok(mut created) => {
-                    // Not before: a lease that is dropped marks its generation's file as released.
+                    // The lease is built only now, because dropping it marks the file of its
+                    // generation as released.
                     let text = Text {
                         holder: holder.clone(),
                         generation,
@@ -111,17 +118,18 @@ impl Lease {
                     lease.forget_older();
                     return Ok(lease);
                 }
-                // Another was faster: look who.
+                // Another process was faster: read its lease.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(io(&path)(error)),
             }
         }
     }
 
-    /// Before a commit: whether the lease still holds; renews it.
+    /// Checks before a commit that the lease still holds, and renews it when less than half of its
+    /// time is left.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] where another took it.
+    /// [`StoreError::LeaseLost`] if the lease expired or another process took it.
     pub fn check(&mut self, now_ms: i64) -> Result<(), StoreError> {
         let failed = |folder: &Path| {
             let file = folder.to_owned();
@@ -161,7 +169,7 @@ impl Lease {
             if generation_of(&entry.path())
                 .is_some_and(|generation| generation < self.text.generation)
             {
-                let _ = fs::remove_file(entry.path()); // a trace of the past, no more
+                let _ = fs::remove_file(entry.path()); // an old generation has no effect
             }
         }
     }
@@ -171,7 +179,7 @@ impl Drop for Lease {
     fn drop(&mut self) {
         if highest(&self.folder).is_ok_and(|highest| highest == self.text.generation) {
             self.text.released = true;
-            // What is not written expires, or is known by its dead process.
+            // If this fails, the lease expires, or its process is found dead.
             let _ = self.rewrite();
         }
     }
@@ -194,14 +202,14 @@ fn read(path: &Path) -> Option<Text> {
     serde_json::from_slice(&fs::read(path).ok()?).ok()
 }
 
-/// Whether a file was made less than a lease's time ago.
+/// Whether a file was modified less than a lease's time ago.
 fn is_young(path: &Path, now_ms: i64) -> bool {
     let modified = path.metadata().and_then(|m| m.modified()).ok();
     let made = modified.and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok());
     made.is_some_and(|made| now_ms - i64::try_from(made.as_millis()).unwrap_or(0) < HOLDS_MS)
 }
 
-/// Who holds the lease of a run now, as far as its file tells.
+/// Present holder of a run's lease, according to its file.
 #[must_use]
 pub fn holder(run_dir: &Path) -> Option<LockHolder> {
     let folder = run_dir.join(FOLDER);
@@ -236,7 +244,7 @@ mod tests {
         first.check(2000).unwrap();
         let error = Lease::acquire(dir.path(), &claim("b", 2), elsewhere, 2000).unwrap_err();
         assert!(error.to_string().contains("process 1 on a"), "{error}");
-        // It slept: expired, and taken over from another host.
+        // The holder slept: its lease expired and was taken over from another host.
         let later = 1000 + HOLDS_MS;
         assert!(matches!(
             first.check(later),
@@ -252,7 +260,7 @@ mod tests {
         ));
         drop(first);
         second.check(later + 1).unwrap();
-        // Released: free at once.
+        // A released lease is free at once.
         drop(second);
         Lease::acquire(dir.path(), &claim("a", 3), elsewhere, later + 2).unwrap();
     }
@@ -264,7 +272,7 @@ mod tests {
         std::mem::forget(first);
         assert!(Lease::acquire(dir.path(), &claim("a", 2), |_| Some(true), 1001).is_err());
         let mut second = Lease::acquire(dir.path(), &claim("a", 2), |_| Some(false), 1001).unwrap();
-        // Renewed before half of it is over.
+        // The lease is renewed when less than half of its time is left.
         second.check(1001 + HOLDS_MS * 3 / 4).unwrap();
         second.check(1001 + HOLDS_MS * 5 / 4).unwrap();
     }

@@ -1,5 +1,6 @@
-//! One coordinator at a time: an OS lock on `coordinator.lock`, whose text names the holder. The lock ends with the
-//! process however it ends; the text may be stale, the lock cannot.
+//! Exclusion of a second coordinator by an operating system's lock on `coordinator.lock`. The
+//! file's text names the holder. The lock ends with the process, however that ends; the text may be
+//! stale.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
@@ -10,17 +11,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::clock;
 
-/// File name inside the run directory.
+/// Name of the lock file in the run directory.
 pub const LOCK_FILE: &str = "coordinator.lock";
 
-/// Who holds (or last held) a run.
+/// Present or last holder of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LockHolder {
-    /// Host name.
+    /// Name of the host.
     pub host: String,
     /// Process id.
     pub pid: u32,
-    /// UTC, RFC 3339.
+    /// Time of acquisition, UTC, RFC 3339.
     pub since: String,
 }
 
@@ -34,30 +35,30 @@ impl std::fmt::Display for LockHolder {
     }
 }
 
-/// Why the lock could not be had.
+/// Reason why the lock was not acquired.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    /// Another coordinator runs.
+    /// Another coordinator holds the run.
     #[error(
         "{dir} is being worked on by {holder}; watch it with `cardiotwin status`, or stop that process first"
     )]
     Held {
         /// The run directory.
         dir: PathBuf,
-        /// Who.
+        /// Process that holds it.
         holder: LockHolder,
     },
-    /// The file system said no.
+    /// The file system refused the operation.
     #[error("cannot lock {file}; is the directory writable, and does its file system know locks?")]
     Io {
-        /// The lock file.
+        /// Path of the lock file or lease.
         file: PathBuf,
-        /// Why.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// The lock; released when dropped, or when the process ends.
+/// A held lock, which is released when dropped or when the process ends.
 #[derive(Debug)]
 pub struct RunLock {
     _file: File,
@@ -67,7 +68,8 @@ impl RunLock {
     /// Takes the lock of a run directory.
     ///
     /// # Errors
-    /// [`LockError::Held`] naming the holder, [`LockError::Io`] for the rest.
+    /// [`LockError::Held`] with the holder, or [`LockError::Io`] if the file cannot be opened,
+    /// locked or written.
     pub fn acquire(dir: &Path) -> Result<Self, LockError> {
         let path = dir.join(LOCK_FILE);
         let io = |source| LockError::Io {
@@ -112,8 +114,9 @@ impl RunLock {
     }
 }
 
-/// Readers take the lock shared for an instant to see whether a coordinator runs, and on a busy machine an instant may be
-/// long; what excludes sharing, too, is a coordinator's.
+/// Whether only readers hold the lock. A reader takes it shared for an instant to see whether a
+/// coordinator runs, and on a busy machine that may last long. A coordinator's lock also excludes
+/// shared ones.
 fn only_readers_hold(file: &File) -> bool {
     file.try_lock_shared().is_ok() && file.unlock().is_ok()
 }
@@ -121,7 +124,7 @@ fn only_readers_hold(file: &File) -> bool {
 /// Whether a coordinator holds the run now.
 #[must_use]
 pub fn is_held(dir: &Path) -> bool {
-    // A lock taken shared through a read-only handle needs no permission to write.
+    // A shared lock through a read-only handle needs no permission to write.
     File::open(dir.join(LOCK_FILE))
         .is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
@@ -141,7 +144,7 @@ fn unnamed() -> LockHolder {
     }
 }
 
-/// This machine's name.
+/// Name of this host.
 #[must_use]
 pub fn host_name() -> String {
     rustix::system::uname()

@@ -1,7 +1,7 @@
-//! All SQL: SQLite, one writer ([`Writer`]), any number of readers ([`Reader`]).
+//! All SQL: SQLite with one writer ([`Writer`]) and any number of readers ([`Reader`]).
 //!
-//! One transaction ([`Batch`]) appends the events, updates the rows guarded by their versions, and puts actions in the
-//! outbox. Actions run after the commit; a worker never opens the database.
+//! One transaction ([`Batch`]) appends the events, updates rows guarded by their versions, and puts
+//! actions in the outbox. Actions run after the commit. A worker never opens the database.
 
 pub mod attempts;
 mod batch;

@@ -1,4 +1,5 @@
-//! What operators are told of, derived from the books: who failed or stalled, and since when everybody is over.
+//! Conditions of a run that operators are notified of, derived from the database: failed or stalled
+//! patients, and the end of the run.
 
 use std::collections::BTreeMap;
 
@@ -6,16 +7,16 @@ use cardiotwin_schemas::failure::FailureClass;
 use sqlx::Row as _;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
-/// What is worth telling of a run.
+/// Notable conditions of a run.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Notable {
-    /// The cohort's name.
+    /// Name of the cohort.
     pub cohort: String,
-    /// Patients by state.
+    /// Number of patients by state.
     pub counts: BTreeMap<String, u64>,
-    /// Who failed or stalled.
+    /// Failed or stalled patients.
     pub patients: Vec<NotablePatient>,
-    /// Milliseconds since 1970: since when every patient is over; none while one is not.
+    /// Time since which every patient is over, milliseconds since 1970; `None` if one is not.
     pub over_since_ms: Option<i64>,
 }
 
@@ -24,13 +25,14 @@ pub struct Notable {
 pub struct NotablePatient {
     /// Pseudonym.
     pub patient: String,
-    /// Where it stands.
+    /// Step at which it is.
     pub step: String,
-    /// Held by a failure; else step 1 stalled.
+    /// Whether a failure holds the patient; otherwise its step 1 stalled.
     pub failed: bool,
-    /// Of the failure.
+    /// Class of the failure; `None` for a stalled patient.
     pub class: Option<FailureClass>,
-    /// Tells this time from every other: a failure after a retry is another one, a look at the same is not.
+    /// Identifies this occurrence: a failure after a retry has another mark, a second look at the
+    /// same failure has not.
     pub mark: String,
 }
 
@@ -42,10 +44,10 @@ const FAILED: &str = "SELECT patient, step, failure_class, since_ms FROM patient
 const STALLED: &str = "SELECT patient, step, step1_quality, step1_cost FROM patients
                        WHERE active AND step1_quality LIKE 'stalled%' ORDER BY position";
 
-/// Reads it; the cohort's name is left empty.
+/// Reads the conditions; the cohort's name is left empty.
 ///
 /// # Errors
-/// SQLite's.
+/// Errors of SQLite.
 pub async fn read(connection: &mut SqliteConnection) -> Result<Notable, sqlx::Error> {
     let mut notable = Notable::default();
     let (mut over, mut since_ms) = (true, 0);

@@ -1,4 +1,5 @@
-//! Opening the database: ours or not, which format, whole or damaged; for writing once, for reading anywhere.
+//! Opening of the database, with checks of its owner, format and integrity, for the one writer or
+//! for readers.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -8,19 +9,20 @@ use sqlx::{ConnectOptions as _, Connection as _};
 
 use super::{StoreError, file_system};
 
-/// File name inside the run directory.
+/// Name of the database in the run directory.
 pub const DATABASE_FILE: &str = "cardiotwin.db";
-/// What readers read where locks are not to be relied on.
+/// Copy of the database for readers where file locks are not reliable.
 pub const SNAPSHOT_FILE: &str = "cardiotwin.snapshot.db";
-/// `CTWN`: marks the file as ours.
+/// `CTWN` in ASCII: marks the file as a database of cardiotwin.
 const APPLICATION_ID: i64 = 1_129_600_846;
-/// The format that this version reads and writes; older ones are brought up to it by `migrations/`.
+/// Format that this version reads and writes; `migrations/` converts older ones.
 pub const FORMAT: i64 = 2;
 
-/// Rows that SQLite's thread may be ahead of whoever reads them: few, and both spend their time waking each other.
+/// Number of rows by which SQLite's thread may be ahead of the reader. With few, both threads spend
+/// their time waking each other.
 const ROWS_IN_FLIGHT: usize = 4096;
 
-/// The version of this program.
+/// Version of this program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("./migrations");
@@ -29,16 +31,17 @@ fn sql<'a>(file: &'a Path, what: &'static str) -> impl Fn(sqlx::Error) -> StoreE
     move |source| StoreError::from_sqlite(file.to_owned(), what, source)
 }
 
-/// Opens the database for its one writer, making it if there is none.
+/// Opens the database for its one writer, and creates it if it does not exist.
 ///
-/// `shared`: other hosts may have the same files open. A write-ahead log lives in memory that hosts do not share, so that
-/// a rollback journal is kept there.
+/// `shared`: whether other hosts may have the same files open. A write-ahead log needs memory that
+/// hosts do not share, so a rollback journal is used on such a file system.
 pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, StoreError> {
     let file = run_dir.join(DATABASE_FILE);
     let options = SqliteConnectOptions::new()
         .filename(&file)
         .create_if_missing(true)
-        // Every commit is on disk before an action runs: intents are written before they are acted on.
+        // Every commit is on disk before an action runs, because intents must be durable before
+        // their execution.
         .journal_mode(if shared {
             SqliteJournalMode::Delete
         } else {
@@ -51,7 +54,7 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
         .pragma("wal_autocheckpoint", "4000")
         .row_buffer_size(ROWS_IN_FLIGHT)
         .disable_statement_logging();
-    // SQLite would open a file that it may not write for reading and fail later, at the first commit.
+    // SQLite would open an unwritable file for reading and fail later, at the first commit.
     if let Err(source) = std::fs::OpenOptions::new()
         .append(true)
         .create(true)
@@ -79,7 +82,7 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
         check(&mut connection, &file).await?;
     }
     if format > 0 && format < FORMAT {
-        // A migration that goes wrong leaves what was there before.
+        // A copy is made first, from which a failed migration can be undone.
         copy_to(
             &mut connection,
             &run_dir.join(format!("cardiotwin.format-{format}.db")),
@@ -101,7 +104,7 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
     Ok(connection)
 }
 
-/// The file's format; 0 for a new file. Refuses what is not ours and what is newer than we are.
+/// Format of the file; 0 for a new one. Refuses foreign files and newer formats.
 async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64, StoreError> {
     let application: i64 = sqlx::query_scalar("PRAGMA application_id")
         .fetch_one(&mut *connection)
@@ -140,7 +143,7 @@ async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64
     Ok(format)
 }
 
-/// SQLite's own check of pages and records, without the comparison of indices: milliseconds.
+/// SQLite's check of pages and records without the comparison of indices, which takes milliseconds.
 async fn check(connection: &mut SqliteConnection, file: &Path) -> Result<(), StoreError> {
     let found: String = sqlx::query_scalar("PRAGMA quick_check(1)")
         .fetch_one(connection)
@@ -156,18 +159,19 @@ async fn check(connection: &mut SqliteConnection, file: &Path) -> Result<(), Sto
     }
 }
 
-/// A connection that only reads, and the folder of its private copy where one was needed.
+/// A read-only connection, with the folder of its private copy if one was needed.
 pub struct ReadOnly {
-    /// The connection.
+    /// Connection to the database, its snapshot or its private copy.
     pub connection: SqliteConnection,
-    /// Kept as long as the connection.
+    /// Folder of the private copy, kept as long as the connection.
     pub _copy: Option<tempfile::TempDir>,
 }
 
-/// Opens the database for reading: beside a running writer, or where this user may not write.
+/// Opens the database for reading, beside a running writer or without permission to write.
 ///
-/// A database in WAL mode needs its `-shm` file even for reading. Where that can be neither found nor made, nobody who
-/// could write is there to disturb: a file without a log is read as immutable, one with a log from a private copy.
+/// A database in WAL mode needs its `-shm` file even for reading. If that can be neither found nor
+/// created, no writer can be active either: a file without a log is read as immutable, and one with
+/// a log from a private copy.
 pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
     let file = run_dir.join(DATABASE_FILE);
     if !file.exists() {
@@ -228,7 +232,7 @@ async fn connect_to_read(file: &Path, immutable: bool) -> Result<SqliteConnectio
         .row_buffer_size(ROWS_IN_FLIGHT)
         .disable_statement_logging();
     let mut connection = options.connect().await.map_err(sql(file, "opening"))?;
-    // Opening touches nothing: the first read tells.
+    // Opening does not touch the file; errors appear at the first read.
     sqlx::query_scalar::<_, i64>("PRAGMA schema_version")
         .fetch_one(&mut connection)
         .await
@@ -251,7 +255,7 @@ fn private_copy(file: &Path, log: &Path) -> Result<tempfile::TempDir, StoreError
     Ok(copy)
 }
 
-/// Copies the database to `target`, which appears whole: by rename.
+/// Copies the database to `target`. The copy appears whole, by a rename.
 pub async fn copy_to(connection: &mut SqliteConnection, target: &Path) -> Result<(), StoreError> {
     let file = |what, path: &Path| {
         let file = path.to_owned();
@@ -275,7 +279,7 @@ pub async fn copy_to(connection: &mut SqliteConnection, target: &Path) -> Result
     std::fs::rename(&draft, target).map_err(file("write", target))
 }
 
-/// What a copy holds, to be compared with what it was made from.
+/// Numbers of events, published tasks and patients, to compare a copy with its original.
 async fn contents(
     connection: &mut SqliteConnection,
     file: &Path,
@@ -288,10 +292,12 @@ async fn contents(
     .map_err(sql(file, "reading"))
 }
 
-/// Copies a run's database to `target`, beside a running coordinator, and checks the copy; its size in bytes.
+/// Copies a run's database to `target`, beside a running coordinator, and checks the copy. Returns
+/// its size in bytes.
 ///
 /// # Errors
-/// [`StoreError::BadCopy`] where the copy does not hold together; the others.
+/// [`StoreError::BadCopy`] if the copy is damaged; other [`StoreError`]s if a file cannot be read
+/// or written.
 pub async fn back_up(run_dir: &Path, target: &Path) -> Result<u64, StoreError> {
     let mut from = readable(run_dir).await?;
     let unchecked = target.with_extension("unchecked");
@@ -307,7 +313,7 @@ pub async fn back_up(run_dir: &Path, target: &Path) -> Result<u64, StoreError> {
         let file = target.to_owned();
         move |source| StoreError::File { what, file, source }
     };
-    // A running coordinator may have added to what was copied, never taken from it.
+    // A running coordinator may have added rows since the copy, but never removes any.
     let whole = after.0 <= before.0 && after.1 <= before.1 && after.2 <= before.2;
     if found != "ok" || !whole {
         let _ = std::fs::remove_file(&unchecked);
@@ -320,7 +326,7 @@ pub async fn back_up(run_dir: &Path, target: &Path) -> Result<u64, StoreError> {
     Ok(target.metadata().map_err(failed("read"))?.len())
 }
 
-/// Closes a writer's connection: the log is folded in and removed.
+/// Closes a writer's connection. SQLite then merges the log into the database and removes it.
 pub async fn close(connection: SqliteConnection, file: &Path) -> Result<(), StoreError> {
     connection.close().await.map_err(sql(file, "closing"))
 }

@@ -1,56 +1,57 @@
-//! Table `outbox`: actions that were decided in a transaction and are done after it. Each may run twice.
+//! Table `outbox`: actions decided in a transaction and executed after it. Each may be executed
+//! twice.
 
 use cardiotwin_schemas::ids::AttemptId;
 use serde::{Deserialize, Serialize};
 
-/// Something to do in the world.
+/// An action with an effect outside of the database.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "action", rename_all = "kebab-case")]
 pub enum Action {
     /// Hand an attempt to the executor.
     Submit {
-        /// Which.
+        /// Attempt to submit.
         attempt: AttemptId,
     },
     /// Fence an attempt and end its process.
     Stop {
-        /// Which.
+        /// Attempt to stop.
         attempt: AttemptId,
     },
-    /// Submit a job to the cluster, unless its folder says that this was begun before.
+    /// Submit a job to the cluster, unless its folder shows that this was begun before.
     SubmitJob {
-        /// Its name.
+        /// Name of the job.
         job: String,
     },
-    /// Fence an element of a job: it begins and publishes nothing more.
+    /// Fence an element of a job, which then begins and publishes nothing more.
     FenceJob {
         /// The job's name.
         job: String,
-        /// Which.
+        /// Index of the element.
         element: usize,
     },
     /// Cancel an element of a job at the scheduler.
     CancelJob {
         /// The job's name.
         job: String,
-        /// Which.
+        /// Index of the element.
         element: usize,
     },
     /// Write a patient's `model.toml`.
     WriteOverlay {
-        /// Whose.
+        /// Row id of the patient.
         patient_id: i64,
     },
 }
 
-/// A new row.
+/// A new row of `outbox`.
 #[derive(Debug, Serialize)]
 pub struct NewAction<'a> {
-    /// Given by the writer, rising.
+    /// Row id, assigned by the writer in rising order.
     pub id: i64,
-    /// Milliseconds since 1970.
+    /// Time of the decision, milliseconds since 1970.
     pub at_ms: i64,
-    /// What.
+    /// The action, stored as JSON.
     pub action: &'a Action,
 }
 

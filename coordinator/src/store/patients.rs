@@ -1,4 +1,4 @@
-//! Tables `patients` (narrow, for `status`) and `plans` (wide).
+//! Tables `patients` (narrow rows, for `status`) and `plans` (wide rows).
 
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::status::PatientStatus;
@@ -9,50 +9,50 @@ use serde::{Deserialize, Serialize};
 /// A row of `patients`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatientRow {
-    /// Identity inside the store.
+    /// Row id.
     pub id: i64,
     /// Pseudonym.
     pub patient: String,
-    /// Place in the cohort.
+    /// Position in the cohort.
     pub position: i64,
     /// Whether the cohort still has this patient.
     pub active: bool,
-    /// Guards updates.
+    /// Version of the row, which guards updates.
     pub version: i64,
-    /// Where the patient stands.
+    /// State of the patient.
     pub state: Patient,
-    /// What tables show.
+    /// Columns shown in tables.
     #[serde(flatten)]
     pub shown: Shown,
-    /// Milliseconds since 1970: since when the state is what it is.
+    /// Time since which the shown state is unchanged, milliseconds since 1970.
     pub since_ms: i64,
 }
 
-/// What `status` shows of a patient.
+/// Columns that `status` shows of a patient.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Shown {
-    /// `waiting`, `running`, `done`, `failed`, `cancelled`, `unknown`.
+    /// Name of the state: `waiting`, `running`, `done`, `failed`, `cancelled`, `unknown`.
     pub word: String,
-    /// `step-0`, …, `done`.
+    /// Step at which the patient is: `step-0`, …, `done`.
     pub step: String,
-    /// Iterations of step 1 so far.
+    /// Number of iterations of step 1 so far.
     pub iteration: Option<u32>,
-    /// Their limit.
+    /// Largest number of iterations of step 1.
     pub max_iterations: Option<u32>,
     /// Best cost of step 1 so far.
     pub step1_cost: Option<f64>,
-    /// `converged: iteration 3`, `stalled: best iteration 9`.
+    /// Ending of step 1, such as `converged: iteration 3` or `stalled: best iteration 9`.
     pub step1_quality: Option<String>,
     /// Cost of step 2.
     pub step2_cost: Option<f64>,
-    /// Where failed.
+    /// Class of the failure of a failed patient.
     pub failure_class: Option<FailureClass>,
-    /// For a person.
+    /// Remark for a person.
     pub note: String,
 }
 
 impl Shown {
-    /// As the schema has it.
+    /// The status in the form of the schema; `for_s` is the time since the last change, s.
     #[must_use]
     pub fn status(self, patient: String, for_s: f64) -> PatientStatus {
         PatientStatus {
@@ -70,27 +70,27 @@ impl Shown {
     }
 }
 
-/// A row of `plans`, every column but the id JSON in text.
+/// A row of `plans`. Every column except the id is JSON in text.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlanRow {
-    /// Whose.
+    /// Row id of the patient.
     pub patient_id: i64,
-    /// As the cohort's files give it.
+    /// Plan according to the cohort's files.
     pub given: String,
-    /// What reruns changed.
+    /// Settings that reruns changed.
     pub overrides: String,
-    /// Step 1's parameters simulated under earlier settings.
+    /// Step 1's parameters that were simulated under earlier settings.
     pub carried: String,
-    /// `given` with `overrides` on top, where there are any.
+    /// `given` with `overrides` on top; `None` if there are no overrides.
     pub plan: Option<String>,
 }
 
-/// The chain of a row of `plans`.
+/// The column `chain` of a row of `plans`.
 #[derive(Debug, Serialize)]
 pub struct ChainRow<'a> {
-    /// Whose.
+    /// Row id of the patient.
     pub patient_id: i64,
-    /// As far as it is settled.
+    /// Chain as far as it is settled.
     pub chain: &'a Chain,
 }
 

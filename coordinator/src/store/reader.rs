@@ -1,4 +1,4 @@
-//! Reading a run without disturbing whoever writes it.
+//! Reading of a run without disturbing its writer.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,8 @@ use super::{
 };
 use crate::clock;
 
-/// A read-only view of a run's database; works while a coordinator writes and where we may not write.
+/// A read-only view of a run's database. It works beside a running coordinator and without
+/// permission to write.
 pub struct Reader {
     run_dir: PathBuf,
     database: Mutex<ReadOnly>,
@@ -49,7 +50,7 @@ impl Reader {
     /// Opens the database of a run directory.
     ///
     /// # Errors
-    /// [`StoreError`] naming what is wrong with the file.
+    /// [`StoreError`] that names what is wrong with the file.
     pub async fn open(run_dir: &Path) -> Result<Self, StoreError> {
         let run_dir = std::path::absolute(run_dir).unwrap_or_else(|_| run_dir.to_owned());
         let database = open::readable(&run_dir).await?;
@@ -59,18 +60,19 @@ impl Reader {
         })
     }
 
-    /// The run, failures first, with every patient.
+    /// Status of the run with every patient, failures first.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read.
     pub async fn status(&self) -> Result<Status, StoreError> {
         self.screen(usize::MAX).await
     }
 
-    /// One screen of the run: all patients counted, the first `rows` of them shown, failures first.
+    /// One screen of the status: all patients are counted, and the first `rows` are listed,
+    /// failures first.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read.
     pub async fn screen(&self, rows: usize) -> Result<Status, StoreError> {
         let now_ms = clock::now_ms();
         let read = screen::read(&mut self.database.lock().await.connection, rows, now_ms).await;
@@ -89,10 +91,10 @@ impl Reader {
         })
     }
 
-    /// What operators are told of.
+    /// Conditions of the run that operators are notified of.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read.
     pub async fn notable(&self) -> Result<Notable, StoreError> {
         let read = notable::read(&mut self.database.lock().await.connection).await;
         let read = read.map_err(|source| {
@@ -104,7 +106,7 @@ impl Reader {
         })
     }
 
-    /// Jobs on a cluster, where the run ever had any.
+    /// State of the cluster; `None` if the run never used one.
     async fn cluster(&self, now_ms: i64) -> Result<Option<ClusterStatus>, StoreError> {
         let Ok(report) = serde_json::from_str::<ClusterReport>(&self.meta(REPORT).await?) else {
             return Ok(None);
@@ -117,7 +119,7 @@ impl Reader {
         Ok(Some(cluster_jobs::status(&report, &jobs, &names, now_ms)))
     }
 
-    /// Patients by their identity inside the store.
+    /// Pseudonyms of all patients, by row id.
     async fn names(&self) -> Result<HashMap<i64, String>, StoreError> {
         let rows = self.rows("SELECT id, patient FROM patients", None).await?;
         Ok(rows
@@ -126,10 +128,10 @@ impl Reader {
             .collect())
     }
 
-    /// Everything that reports and exports read.
+    /// The record of the run that reports and exports read.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read.
     pub async fn record(&self) -> Result<RunRecord, StoreError> {
         let settled = self.settled(SETTLED, None).await?;
         let now_ms = clock::now_ms();
@@ -156,10 +158,10 @@ impl Reader {
         })
     }
 
-    /// The elements of a sweep, in its order.
+    /// Elements of a sweep, in its order.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read.
     pub async fn members(&self) -> Result<Vec<MemberRecord>, StoreError> {
         let settled = self.settled(SETTLED, None).await?;
         let now_ms = clock::now_ms();
@@ -187,7 +189,8 @@ impl Reader {
     /// [`Reader::record`] for one patient.
     ///
     /// # Errors
-    /// [`StoreError::NoPatient`] and the store's others.
+    /// [`StoreError::NoPatient`] for an unknown patient; other [`StoreError`]s if the database
+    /// cannot be read.
     pub async fn patient_record(&self, patient: &PatientId) -> Result<PatientRecord, StoreError> {
         let row = self.find(patient).await?;
         let settled = self.settled(SETTLED_OF_PATIENT, Some(row.id)).await?;
@@ -196,7 +199,7 @@ impl Reader {
         self.with_before(id, record, &settled).await
     }
 
-    /// Adds what was simulated before effects were accepted, where any were.
+    /// Adds the simulations before effects were accepted, if the plan has any effects.
     async fn with_before(
         &self,
         id: i64,
@@ -221,7 +224,8 @@ impl Reader {
         Ok(record)
     }
 
-    /// For each of a patient's tasks in the chain's order: which it is, and what changed against the one before.
+    /// Explanation of each of a patient's tasks, in the order of the chain: its key, and its
+    /// changes against the previous task of the same step.
     ///
     /// # Errors
     /// As [`Reader::patient_record`].
@@ -245,7 +249,7 @@ impl Reader {
             .collect()
     }
 
-    /// The log, oldest first; of one patient and its tasks, or all.
+    /// The log of one patient and its tasks, or of all patients, oldest first.
     ///
     /// # Errors
     /// As [`Reader::patient_record`].
@@ -279,13 +283,13 @@ impl Reader {
             .collect()
     }
 
-    /// Every try at every task of a patient, in the chain's order.
+    /// Every attempt at every task of a patient, in the order of the chain.
     ///
     /// # Errors
     /// As [`Reader::patient_record`].
     pub async fn attempts(&self, patient: &PatientId) -> Result<Vec<AttemptRecord>, StoreError> {
         let id = self.find(patient).await?.id;
-        // A task that stood in several steps over time is shown in the last.
+        // A task that belonged to several steps over time is shown with the last one.
         let mut steps_of_tasks: HashMap<String, Step> = HashMap::new();
         for row in self.rows(steps::SELECT_OF_PATIENT, Some(id)).await? {
             steps_of_tasks.insert(row.get("task"), step_of(&row)?);
@@ -301,7 +305,8 @@ impl Reader {
         Ok(found.into_iter().map(|(_, attempt)| attempt).collect())
     }
 
-    /// Jobs of a cluster that a patient was in, oldest first, and why its next one is given something else.
+    /// Jobs of a cluster in which a patient was placed, oldest first, and the reason of the last
+    /// repeat.
     ///
     /// # Errors
     /// As [`Reader::patient_record`].
@@ -322,7 +327,8 @@ impl Reader {
         Ok((cluster_jobs::of_patient(&jobs, id, &self.run_dir), why))
     }
 
-    /// What reruns changed for a patient: tables of `cohort.toml`, on top of every other layer.
+    /// Settings that reruns changed for a patient: tables of `cohort.toml` that override every
+    /// other layer.
     ///
     /// # Errors
     /// As [`Reader::patient_record`].
@@ -332,7 +338,7 @@ impl Reader {
         parse(&text, "plans", "overrides", &patient)
     }
 
-    /// The run directory, absolute.
+    /// Absolute path of the run directory.
     #[must_use]
     pub fn run_dir(&self) -> &Path {
         &self.run_dir

@@ -1,4 +1,4 @@
-//! From rows to the record that reports, exports and comparisons read.
+//! Conversion of rows to the record that reports, exports and comparisons read.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -19,20 +19,20 @@ use sqlx::sqlite::SqliteRow;
 use super::StoreError;
 use super::writer::parse;
 
-/// An element of a sweep and what came of it.
+/// An element of a sweep with its result.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MemberRecord {
-    /// What was to be done.
+    /// Plan of the element.
     pub plan: ResolvedPatient,
-    /// Where it stands.
+    /// Status of the element.
     pub status: PatientStatus,
-    /// The failure that holds it, if one does.
+    /// Failure that holds the element; `None` if there is none.
     pub failure: Option<Failure>,
-    /// Its published result.
+    /// Published result; `None` while there is none.
     pub task: Option<TaskRecord<TaskResult>>,
 }
 
-/// A settled task as it was read.
+/// A settled task as read from the database.
 #[derive(Debug)]
 pub(super) struct Settled {
     state: Task,
@@ -88,7 +88,7 @@ impl Settled {
     }
 }
 
-/// An element of a sweep: a patient whose chain is one task.
+/// Record of an element of a sweep, which is a patient with a chain of one task.
 pub(super) fn member(
     plan: ResolvedPatient,
     status: PatientStatus,

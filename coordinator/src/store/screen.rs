@@ -1,5 +1,5 @@
-//! What `status` shows of patients: counted, ordered and cut by SQLite, and handed over as one text, so that a screen of a
-//! hundred thousand costs little more than a screen.
+//! Patients as `status` shows them. SQLite counts, orders and limits them and returns a single
+//! text, so that a screen of a hundred thousand patients costs little more than a screen of a few.
 
 use std::collections::BTreeMap;
 
@@ -9,11 +9,12 @@ use serde::Deserialize;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteConnection;
 
-/// Patients by state, and the first of them.
+/// Number of patients by state, and the first rows.
 pub struct Screen {
-    /// How many are in each state, all of them.
+    /// Number of patients in each state.
     pub counts: BTreeMap<String, u64>,
-    /// Failures first, then what needs an eye, then what is done; the cohort's order within.
+    /// Failed patients first, then unknown, running, waiting and cancelled ones, then the rest; in
+    /// the cohort's order within each group.
     pub patients: Vec<PatientStatus>,
 }
 
@@ -43,10 +44,10 @@ struct Shown(
     i64,
 );
 
-/// Reads them; at most `rows` of the patients.
+/// Reads the counts and at most `rows` of the patients.
 ///
 /// # Errors
-/// SQLite's, or what was found where a row was expected.
+/// Errors of SQLite, or a decoding error if a row is not as expected.
 pub async fn read(
     connection: &mut SqliteConnection,
     rows: usize,

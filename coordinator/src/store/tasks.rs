@@ -1,52 +1,52 @@
-//! Table `tasks`: what is wanted, with its state and, once settled, the outcome that settled it.
+//! Table `tasks`: wanted results, with their states and the outcomes that settled them.
 
 use cardiotwin_workflow::task::Task;
 use serde::{Deserialize, Serialize};
 
-/// A new row.
+/// A new row of `tasks`.
 #[derive(Debug, Serialize)]
 pub struct NewTask<'a> {
-    /// The key.
+    /// Key of the task.
     pub key: &'a str,
-    /// The kind.
+    /// Kind of the task.
     pub kind: &'a str,
     /// First state.
     pub state: &'a Task,
-    /// Its word.
+    /// Name of the state.
     pub word: &'a str,
-    /// The specification in JSON.
+    /// Specification as JSON.
     pub spec: &'a str,
 }
 
-/// A changed row.
+/// A changed row of `tasks`.
 #[derive(Debug, Serialize)]
 pub struct TaskChange<'a> {
-    /// The key.
+    /// Key of the task.
     pub key: &'a str,
-    /// The version that stands in the store.
+    /// Version of the row in the store before the change.
     pub version: i64,
     /// The new state.
     pub state: &'a Task,
-    /// Its word.
+    /// Name of the new state.
     pub word: &'a str,
-    /// The outcome that settled it; absent: as it was.
+    /// Outcome that settled the task, as JSON; `None` keeps the stored one.
     pub outcome: Option<&'a str>,
 }
 
-/// A row as it was read: a tuple in JSON.
+/// A row of `tasks` as read from a JSON tuple.
 #[derive(Debug, Clone, Deserialize)]
 pub struct TaskRow {
-    /// The key.
+    /// Key of the task.
     pub key: String,
-    /// The kind.
+    /// Kind of the task.
     pub kind: String,
-    /// Guards updates.
+    /// Version of the row, which guards updates.
     pub version: i64,
-    /// Where it stands.
+    /// State of the task.
     pub state: Task,
-    /// The specification in JSON.
+    /// Specification as JSON.
     pub spec: String,
-    /// The outcome in JSON.
+    /// Outcome that settled the task, as JSON; `None` if it is not settled by one.
     pub outcome: Option<String>,
 }
 
@@ -61,6 +61,7 @@ SET version = tasks.version + 1, word = value->>'word', state = value->'state',
 FROM json_each(?1) AS new
 WHERE tasks.key = (new.value->>'key') AND tasks.version = (new.value->>'version')";
 
-/// All rows, some hundreds to a text: handing over each value of each row costs more than reading it.
+/// All rows, up to 512 per text: passing each value of each row separately costs more than reading
+/// it.
 pub(super) const SELECT_ALL: &str = "
 SELECT json_group_array(json_array(key, kind, version, json(state), spec, outcome)) FROM tasks GROUP BY id / 512";

@@ -1,4 +1,4 @@
-//! Databases that are not as they should be, and places where nothing can be written.
+//! Damaged, foreign and outdated databases, and directories without permission to write.
 
 use std::path::Path;
 use std::process::Command;
@@ -54,8 +54,8 @@ async fn raw(dir: &Path) -> SqliteConnection {
     SqliteConnection::connect_with(&options).await.unwrap()
 }
 
-/// Leaves the store as if its last coordinator, another build, had derived another task for a patient: one whose number `key`
-/// has no 8 in front.
+/// Leaves the store as if another build, which was its last coordinator, had derived another task
+/// for a patient: one in which the value of the number `key` lacks the 8 that is put in front here.
 pub(crate) async fn decided_otherwise(run_dir: &Path, patient: &str, key: &str) {
     let mut store = raw(run_dir).await;
     let change = "UPDATE plans SET given = replace(given, ?, ? || '8') \
@@ -155,7 +155,7 @@ async fn a_damaged_database_is_named_before_anything_is_written() {
     let file = dir.path().join(DATABASE_FILE);
     let mut bytes = std::fs::read(&file).unwrap();
     let n = bytes.len();
-    // The first page stays: what recognises the file. The rest is overwritten in the middle.
+    // The first page identifies the file and stays intact. Pages in the middle are overwritten.
     bytes[n / 2..n / 2 + 3 * 4096].fill(0xA5);
     std::fs::write(&file, &bytes).unwrap();
     let error = Writer::open(dir.path()).await.err().unwrap();
@@ -182,7 +182,7 @@ async fn a_row_that_somebody_else_changed_stops_the_writer() {
         ),
         "{error:?}"
     );
-    // All or nothing: the first row has kept its version, too.
+    // The batch is committed as a whole or not at all: the first row has kept its version, too.
     let mut batch = Batch::default();
     batch.update_patient(&patient(1, 1));
     batch.update_patient(&patient(2, 1));
@@ -205,7 +205,7 @@ async fn a_full_disk_is_named_and_what_was_committed_stays() {
     assert!(matches!(error, StoreError::DiskFull { .. }), "{error:?}");
     assert!(error.to_string().contains("no space left"), "{error}");
     drop(writer);
-    // There is space again: everything is there, and it goes on.
+    // With free space again, everything is there and more can be committed.
     let mut writer = Writer::open(dir.path()).await.unwrap();
     assert_eq!(writer.load().await.unwrap().patients.len() as i64, id - 1);
     add(&mut writer, id, 20_000).await.unwrap();
@@ -246,7 +246,8 @@ async fn readers_see_commits_while_the_writer_is_at_work() {
 
 const READ_ONLY: &str = "CARDIOTWIN_TEST_READ_ONLY";
 
-/// Runs itself again where the run directory is mounted read-only: root may write anywhere else.
+/// The test runs itself again in a namespace where the run directory is mounted read-only, because
+/// root may write anywhere else.
 #[tokio::test]
 async fn a_run_can_be_read_where_nothing_can_be_written() {
     if let Some(dir) = std::env::var_os(READ_ONLY) {
@@ -267,7 +268,7 @@ async fn a_run_can_be_read_where_nothing_can_be_written() {
     for killed in [false, true] {
         let dir = run_dir().await;
         if killed {
-            // A log that was not folded in: all of the content lies in it.
+            // The log was not merged into the database and has all of the content.
             let copy = tempfile::tempdir().unwrap();
             let mut writer = Writer::open(copy.path()).await.unwrap();
             writer.set_meta(&[("cohort", "test")]).await.unwrap();
@@ -299,7 +300,8 @@ async fn a_run_can_be_read_where_nothing_can_be_written() {
     }
 }
 
-/// A run of format 1, as the first version left it: without the tables of clusters and without their migration.
+/// A run of format 1, as the first version left it: without the tables for clusters and without
+/// their migration.
 async fn run_of_format_1() -> tempfile::TempDir {
     let dir = run_dir().await;
     let sql = "DROP TABLE jobs; DROP TABLE allotments; DELETE FROM _sqlx_migrations WHERE version = 2; PRAGMA user_version = 1";
@@ -353,7 +355,7 @@ async fn a_database_of_an_older_format_is_copied_before_it_is_brought_up_to_date
         .await,
         0
     );
-    // The copy is a database that an older version goes on with.
+    // The copy is a database with which an older version can continue.
     let back = tempfile::tempdir().unwrap();
     std::fs::copy(&copy, back.path().join(DATABASE_FILE)).unwrap();
     drop(Writer::open(back.path()).await.unwrap());

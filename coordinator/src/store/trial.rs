@@ -1,4 +1,5 @@
-//! Whether a file system keeps a second writer out of an SQLite database: tried before a run relies on it.
+//! Test whether a file system keeps a second writer out of an SQLite database, before a run relies
+//! on it.
 
 use std::path::Path;
 use std::time::Duration;
@@ -6,10 +7,10 @@ use std::time::Duration;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
 use sqlx::{ConnectOptions as _, Connection as _};
 
-/// Tries it with a database of its own in `directory`, which is left there.
+/// Tries two writers on a new database in `directory`. The file is left there.
 ///
 /// # Errors
-/// What went wrong, in words.
+/// Description of the operation that went wrong.
 pub async fn try_locks(directory: &Path) -> Result<(), String> {
     let options = SqliteConnectOptions::new()
         .filename(directory.join("trial.db"))

@@ -1,4 +1,4 @@
-//! What the store shows beside the schemas' records: history, attempts, explanations.
+//! Views of the store beyond the schemas' records: history, attempts, explanations.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -17,81 +17,82 @@ use super::StoreError;
 use super::writer::parse;
 use crate::clock;
 
-/// One line of the append-only log.
+/// An event of the append-only log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EventRecord {
     /// Position in the log.
     pub sequence: i64,
-    /// UTC, RFC 3339.
+    /// Time, UTC, RFC 3339.
     pub at: String,
-    /// `patient`, `task` or `attempt`.
+    /// State machine: `patient`, `task`, `attempt` or `job`.
     pub machine: String,
-    /// Whose chain, where the event belongs to one patient.
+    /// Patient whose chain the event belongs to; `None` for the other machines.
     pub patient: Option<PatientId>,
-    /// Which task.
+    /// Key of the task; `None` for events of patients and jobs.
     pub task: Option<TaskKey>,
-    /// Which attempt.
+    /// Generation of the attempt; `None` for the other machines.
     pub generation: Option<u32>,
     /// The event as it was fed to the machine.
     pub event: serde_json::Value,
 }
 
-/// One try at one of a patient's tasks.
+/// An attempt at one of a patient's tasks.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AttemptRecord {
-    /// Where in the chain: `step-1 iteration 3`.
+    /// Step of the chain, such as `step-1 iteration 3`.
     pub step: String,
-    /// The task.
+    /// Key of the task.
     pub task: TaskKey,
-    /// Which try.
+    /// Generation of the attempt, from 1.
     pub generation: u32,
-    /// Where it stands.
+    /// State of the attempt.
     pub state: Attempt,
-    /// Its directory: `stderr.log`, `progress.jsonl`, `outcome.json`.
+    /// Absolute directory, with `stderr.log`, `progress.jsonl` and `outcome.json`.
     pub directory: PathBuf,
-    /// Process id or job id.
+    /// Process id or job id; `None` if it is unknown.
     pub external_id: Option<String>,
-    /// Who claimed it, as far as the coordinator saw.
+    /// Claim of the worker, as far as the coordinator has seen it.
     pub claim: Option<Claim>,
-    /// UTC, RFC 3339.
+    /// Time of planning, UTC, RFC 3339.
     pub planned: String,
-    /// UTC, RFC 3339; absent while it is not over.
+    /// Time of the end, UTC, RFC 3339; `None` if it is not over.
     pub ended: Option<String>,
 }
 
-/// Why a task of a patient is the one it is.
+/// Explanation of the present task of a step.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StepExplanation {
-    /// Where in the chain: `step-1 iteration 3`.
+    /// Step of the chain, such as `step-1 iteration 3`.
     pub step: String,
-    /// The task wanted now.
+    /// Key of the present task.
     pub task: TaskKey,
-    /// `open`, `attempting`, `published`, `failed`.
+    /// Name of the task's state: `open`, `attempting`, `published` or `failed`.
     pub state: String,
-    /// Tries so far.
+    /// Number of attempts so far.
     pub generations: u32,
-    /// UTC, RFC 3339: since when this is the task of the step.
+    /// Time since which this is the task of the step, UTC, RFC 3339.
     pub since: String,
-    /// The task of the same step before; absent for the first.
+    /// Key of the previous task of the step; `None` for the first.
     pub previous: Option<TaskKey>,
-    /// What differs from it, leaf by leaf; empty for the first.
+    /// Differences from the previous task, leaf by leaf; empty for the first.
     pub changes: Vec<LeafChange>,
     /// Other patients of this run that share the task.
     pub shared_with: Vec<PatientId>,
 }
 
-/// One value of a task's canonical specification that changed.
+/// A changed value of a task's canonical specification.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LeafChange {
-    /// Where: `contraction.parameters.Smax_ref_kPa`.
+    /// Path of the value, such as `contraction.parameters.Smax_ref_kPa`.
     pub path: String,
-    /// Before; absent where there was none.
+    /// Previous value; `None` if there was none.
     pub old: Option<serde_json::Value>,
-    /// Now; absent where there is none.
+    /// Present value; `None` if there is none.
     pub new: Option<serde_json::Value>,
 }
 
-/// A step's present task against the one before; `rows` are all that the step ever was, oldest first.
+/// Compares a step's present task with the previous one. `rows` are the present and former tasks of
+/// the step, oldest first.
 pub(super) fn explanation(
     step: Step,
     rows: &[SqliteRow],
@@ -121,7 +122,7 @@ pub(super) fn explanation(
     })
 }
 
-/// A row of `attempts` for people.
+/// A row of `attempts`, for people.
 pub(super) fn attempt(
     step: Step,
     row: &SqliteRow,
@@ -145,7 +146,7 @@ pub(super) fn attempt(
     })
 }
 
-/// Leaves that differ between two JSON texts, in the order of their paths.
+/// Leaves that differ between two JSON values, in the order of their paths.
 #[must_use]
 pub fn leaf_changes(old: &serde_json::Value, new: &serde_json::Value) -> Vec<LeafChange> {
     let mut changes = Vec::new();

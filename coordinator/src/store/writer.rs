@@ -1,4 +1,5 @@
-//! The one writer: loads what a coordinator must know, commits batches of transitions.
+//! The one writer: it loads the state of a run for a coordinator and commits batches of
+//! transitions.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -23,17 +24,17 @@ use super::{
 };
 use crate::clock;
 
-/// The writing end of a run's database. Its owner holds the run's lock.
+/// The writing end of a run's database. Its owner holds the run's lock or lease.
 #[derive(Debug)]
 pub struct Writer {
     file: PathBuf,
     connection: SqliteConnection,
     lease: Option<Lease>,
-    /// The shared file system that the run lies on.
+    /// Name of the shared file system of the run; `None` on a local one.
     shared: Option<&'static str>,
 }
 
-/// What a store holds when a coordinator begins.
+/// Content of the store when a coordinator begins.
 #[derive(Debug, Default)]
 pub struct Loaded {
     /// Name, description and other single values.
@@ -46,19 +47,19 @@ pub struct Loaded {
     pub attempts: Vec<AttemptRow>,
     /// The present task of each step, by patient.
     pub steps: HashMap<i64, HashMap<Step, TaskKey>>,
-    /// Actions that were decided and perhaps not done.
+    /// Actions that were decided and possibly not executed yet.
     pub outbox: Vec<(i64, Action)>,
     /// Jobs of a cluster that are not over.
     pub jobs: Vec<JobRow>,
-    /// What patients' next jobs are given.
+    /// Allotments for patients' next jobs, by row id of the patient.
     pub allotments: HashMap<i64, Allotment>,
 }
 
 impl Writer {
-    /// Opens or makes the database of a run directory.
+    /// Opens the database of a run directory, or creates it.
     ///
     /// # Errors
-    /// [`StoreError`] naming what is wrong with the file; nothing was changed then.
+    /// [`StoreError`] that names what is wrong with the file, which is then unchanged.
     pub async fn open(run_dir: &Path) -> Result<Self, StoreError> {
         let shared = file_system::shared(run_dir);
         let connection = open::writable(run_dir, shared.is_some()).await?;
@@ -70,10 +71,10 @@ impl Writer {
         })
     }
 
-    /// What the database of a run holds, without writing to it; nothing where there is none.
+    /// Content of the database of a run, read without writing to it; empty if there is no database.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read.
     pub async fn look(run_dir: &Path) -> Result<Loaded, StoreError> {
         let open::ReadOnly { connection, _copy } = match open::readable(run_dir).await {
             Err(StoreError::Missing { .. }) => return Ok(Loaded::default()),
@@ -89,21 +90,22 @@ impl Writer {
         .await
     }
 
-    /// Commits from now on only while this lease holds.
+    /// From now on, commits only while this lease holds.
     pub fn under(&mut self, lease: Lease) {
         self.lease = Some(lease);
     }
 
-    /// The shared file system that the run lies on, where it is none of this host's.
+    /// Name of the shared file system of the run; `None` on a local one.
     #[must_use]
     pub fn shared_file_system(&self) -> Option<&'static str> {
         self.shared
     }
 
-    /// Where locks of the file system are not to be relied on, readers read a copy: published by rename.
+    /// Copies the database for readers, by a rename, if the run lies on a shared file system, whose
+    /// locks are not reliable.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the copy cannot be written.
     pub async fn publish_snapshot(&mut self) -> Result<(), StoreError> {
         if self.shared.is_none() {
             return Ok(());
@@ -112,10 +114,11 @@ impl Writer {
         open::copy_to(&mut self.connection, &folder.join(open::SNAPSHOT_FILE)).await
     }
 
-    /// Commits a batch: all of it or nothing.
+    /// Commits a batch as a whole or not at all.
     ///
     /// # Errors
-    /// [`StoreError::Guard`] when a row is not as this writer left it, [`StoreError::DiskFull`], and the others.
+    /// [`StoreError::Guard`] if another process changed a row, [`StoreError::LeaseLost`] without
+    /// the lease, [`StoreError::DiskFull`] and other errors of SQLite.
     pub async fn commit(&mut self, batch: &mut Batch) -> Result<(), StoreError> {
         let failed = |source| StoreError::from_sqlite(self.file.clone(), "committing", source);
         if let Some(lease) = &mut self.lease {
@@ -141,7 +144,7 @@ impl Writer {
     /// All single values.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read.
     pub async fn meta(&mut self) -> Result<HashMap<String, String>, StoreError> {
         let rows = self.rows("SELECT key, value FROM meta").await?;
         Ok(rows
@@ -153,7 +156,7 @@ impl Writer {
     /// Sets single values.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be written.
     pub async fn set_meta(&mut self, values: &[(&str, &str)]) -> Result<(), StoreError> {
         for (key, value) in values {
             sqlx::query("INSERT INTO meta (key, value) VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2 WHERE value <> ?2")
@@ -166,10 +169,11 @@ impl Writer {
         Ok(())
     }
 
-    /// Closes what earlier coordinators left open and opens the allocation of this one.
+    /// Closes the allocations of earlier coordinators and opens one for this coordinator. Returns
+    /// its row id.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be written.
     pub async fn open_allocation(
         &mut self,
         kind: &str,
@@ -184,7 +188,8 @@ impl Writer {
             .execute(&mut self.connection)
             .await
             .map_err(failed)?;
-        // Not `RETURNING`: whoever stops reading after the one row never learns that the commit behind it failed.
+        // `RETURNING` is not used: a caller that stops reading after the one row does not see a
+        // failure of the commit.
         let inserted = sqlx::query(attempts::OPEN_ALLOCATION)
             .bind(kind)
             .bind(external_id)
@@ -196,10 +201,11 @@ impl Writer {
         Ok(inserted.last_insert_rowid())
     }
 
-    /// The allocation of all jobs of a cluster: each attempt says itself in which job it ran.
+    /// Row id of the one allocation for all jobs of a cluster. Each attempt's directory names its
+    /// job.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database cannot be read or written.
     pub async fn cluster_allocation(&mut self, host: &str, at_ms: i64) -> Result<i64, StoreError> {
         let failed = |source| StoreError::from_sqlite(self.file.clone(), "reading", source);
         let open = sqlx::query_scalar(attempts::OPEN_CLUSTER)
@@ -212,19 +218,19 @@ impl Writer {
         }
     }
 
-    /// Closes the database alone: jobs of a cluster live on.
+    /// Closes the database but not the allocation, because jobs of a cluster live on.
     ///
     /// # Errors
-    /// The store's; what was committed stays.
+    /// [`StoreError`] if the database cannot be closed; what was committed stays.
     pub async fn close_file(mut self) -> Result<(), StoreError> {
         self.publish_snapshot().await?;
         open::close(self.connection, &self.file).await
     }
 
-    /// Closes the allocation of this coordinator and the database.
+    /// Closes this coordinator's allocation and the database.
     ///
     /// # Errors
-    /// The store's; what was committed stays.
+    /// [`StoreError`] if the database cannot be written or closed; what was committed stays.
     pub async fn close(mut self, kind: &str, at_ms: i64) -> Result<(), StoreError> {
         let closed = sqlx::query(attempts::CLOSE_ALLOCATIONS)
             .bind(at_ms)
@@ -238,7 +244,7 @@ impl Writer {
             .map_err(|source| StoreError::from_sqlite(self.file, "closing", source))
     }
 
-    /// Lets the database grow no further: a full disk for tests.
+    /// Limits the size of the database, as a full disk does.
     #[cfg(test)]
     pub(super) async fn limit_pages(&mut self, pages: u32) {
         let sql = sqlx::AssertSqlSafe(format!("PRAGMA max_page_count = {pages}"));
@@ -248,10 +254,10 @@ impl Writer {
             .unwrap();
     }
 
-    /// Everything that a coordinator must know.
+    /// Loads everything that a coordinator needs.
     ///
     /// # Errors
-    /// The store's.
+    /// [`StoreError`] if the database or one of its columns cannot be read.
     pub async fn load(&mut self) -> Result<Loaded, StoreError> {
         let mut loaded = Loaded {
             meta: self.meta().await?,

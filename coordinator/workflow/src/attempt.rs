@@ -1,4 +1,4 @@
-//! One attempt at a task: its own directory, its own generation.
+//! State machine of one attempt at a task, with a directory and a generation of its own.
 //!
 //! ```text
 //!            Approve            Accepted / Seen             Ended(how)
@@ -11,8 +11,9 @@
 //!                          │                    │ GiveUp ──► Done(Lost)        │
 //!                          └──── Cancel ────────┴────► Cancelling ─ Ended(how)─┘
 //! ```
-//! `Unknown` is absence of news: a state, not an ending. `GiveUp` and `Cancel` fence the attempt's directory first, so
-//! that a process that lives on unseen publishes nothing. `Done` absorbs every observation.
+//! `Unknown` is the absence of news, which is a state and not an ending. `GiveUp` and `Cancel`
+//! fence the attempt's directory first, so that a process that lives on out of sight publishes
+//! nothing. `Done` absorbs every observation.
 
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::ExternalId;
@@ -20,57 +21,59 @@ use serde::{Deserialize, Serialize};
 
 use super::IllegalTransition;
 
-/// Where an attempt stands.
+/// State of an attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "state", rename_all = "kebab-case")]
 pub enum Attempt {
-    /// Written down, not yet approved.
+    /// Recorded, but not yet approved.
     Planned,
-    /// The intent to submit is durable; whether it happened is not known yet.
+    /// The intent to submit is durable, but it is not known yet whether the submission took place.
     Submitting,
-    /// Seen alive.
+    /// Its process was seen alive.
     Running {
-        /// What the executor calls it.
+        /// Name of the attempt in the executor.
         id: ExternalId,
     },
-    /// No news: neither alive nor ended as far as can be seen.
+    /// No news: the attempt is visibly neither alive nor ended.
     Unknown {
-        /// Milliseconds since 1970.
+        /// Time since which there has been no news, milliseconds since 1970.
         since_ms: i64,
     },
-    /// Asked to end; what it has published by then counts.
+    /// Asked to end. A result that it has published by then counts.
     Cancelling,
-    /// Over.
+    /// The attempt is over.
     Done {
-        /// How.
+        /// Its ending.
         how: AttemptEnding,
     },
 }
 
-/// How an attempt ended.
+/// Ending of an attempt.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "how", rename_all = "kebab-case")]
 pub enum AttemptEnding {
-    /// It left a result that passed the judge.
+    /// It left a result that passed the checks of [`crate::judge`].
     Succeeded,
-    /// It left a failure, or a result that did not pass.
+    /// It left a failure, or a result that did not pass the checks.
     Failed {
-        /// Why.
+        /// Class and message of the failure.
         failure: Failure,
     },
-    /// Its process ended without an outcome while we watched: the site's doing, charged to the retry budget.
+    /// Its process ended without an outcome while the coordinator watched it. This is charged to
+    /// the retries for site failures.
     Lost {
-        /// What is known: exit code, signal.
+        /// Known facts: exit code, signal.
         reason: String,
     },
-    /// Stopped by us on the way out, or found dead at a restart: nobody's fault, charged to nobody.
+    /// The coordinator stopped it on its way out, or found it dead at a restart. This is not
+    /// charged to any retries.
     Interrupted,
-    /// Not wanted any more.
+    /// It was not wanted any more.
     Cancelled,
 }
 
 impl AttemptEnding {
-    /// The failure that this ending means for the task, if it means one.
+    /// Failure of the task that this ending implies; `None` if it implies none.
     #[must_use]
     pub fn failure(&self) -> Option<Failure> {
         match self {
@@ -81,61 +84,61 @@ impl AttemptEnding {
     }
 }
 
-/// What happens to an attempt. The first three are commands, the others observations.
+/// Event of an attempt. The first three are commands, the others observations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum AttemptEvent {
-    /// Command: submit it.
+    /// Command: submit the attempt.
     Approve,
-    /// Command: it is not wanted any more.
+    /// Command: the attempt is not wanted any more.
     Cancel,
-    /// Command: the grace of an unknown attempt is over.
+    /// Command: the grace time of an unknown attempt is over.
     GiveUp,
-    /// The executor took it.
+    /// The executor accepted the attempt.
     Accepted {
-        /// What the executor calls it.
+        /// Name of the attempt in the executor.
         id: ExternalId,
     },
-    /// The executor could not take it.
+    /// The executor could not accept the attempt.
     Refused {
-        /// Why.
+        /// Class and message of the failure.
         failure: Failure,
     },
-    /// It was seen alive (again).
+    /// The attempt was seen alive (again).
     Seen {
-        /// What the executor calls it.
+        /// Name of the attempt in the executor.
         id: ExternalId,
     },
-    /// It is not where it was.
+    /// The attempt is not where it was.
     Vanished {
-        /// Milliseconds since 1970.
+        /// Time of this observation, milliseconds since 1970.
         since_ms: i64,
     },
-    /// It ended.
+    /// The attempt ended.
     Ended {
-        /// How.
+        /// Its ending.
         how: AttemptEnding,
     },
 }
 
-/// What to do about it.
+/// Action that follows from a transition.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AttemptAction {
-    /// Hand it to the executor.
+    /// Hand the attempt to the executor.
     Submit,
-    /// Fence its directory and end its process.
+    /// Fence the attempt's directory and end its process.
     Stop,
 }
 
 impl Attempt {
-    /// Whether it is over.
+    /// Whether the attempt is over.
     #[must_use]
     pub fn is_final(&self) -> bool {
         matches!(self, Self::Done { .. })
     }
 
-    /// One word for tables.
+    /// Name of the state in one word, for tables.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
@@ -154,10 +157,11 @@ impl Attempt {
         }
     }
 
-    /// Next state and what to do about it.
+    /// Next state, and the actions that follow.
     ///
     /// # Errors
-    /// [`IllegalTransition`] for a command that makes no sense here; never for an observation.
+    /// [`IllegalTransition`] for a command that makes no sense in this state; never for an
+    /// observation.
     pub fn on(self, event: AttemptEvent) -> Result<(Self, Vec<AttemptAction>), IllegalTransition> {
         use AttemptEvent as E;
         let stay = |state: Self| Ok((state, vec![]));
@@ -168,7 +172,8 @@ impl Attempt {
             (Self::Submitting | Self::Running { .. } | Self::Unknown { .. }, E::Cancel) => {
                 Ok((Self::Cancelling, vec![AttemptAction::Stop]))
             }
-            // Asking twice is harmless: the action may have been lost with the process that should have done it.
+            // Repeating the action is harmless: it may have been lost with the process that had to
+            // execute it.
             (Self::Cancelling, E::Cancel) => Ok((Self::Cancelling, vec![AttemptAction::Stop])),
             (Self::Unknown { since_ms }, E::GiveUp) => {
                 let reason = format!("no news since {} ms (Unix time)", since_ms);
@@ -189,8 +194,8 @@ impl Attempt {
             }),
 
             (state @ Self::Done { .. }, _) => stay(state),
-            // Evidence of an end wins wherever it comes from: an attempt whose submission we never saw confirmed may
-            // have run and finished (the coordinator was killed in between).
+            // Evidence of an end wins in every state: an attempt whose submission was never
+            // confirmed may have run and finished, because the coordinator was killed in between.
             (
                 Self::Cancelling,
                 E::Ended {

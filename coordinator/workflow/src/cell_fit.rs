@@ -1,4 +1,4 @@
-//! Step 2 as tasks: what the cell is fitted to, and the fitted cell in the organ. Pure.
+//! Step 2 as tasks: the targets of the fit, and the fitted cell in the organ. Pure functions.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use cardiotwin_schemas::task::{CellFitSpec, InputFile};
 
 use crate::derivation::stream;
 
-/// The fit of a patient's cell.
+/// Specification of the fit of a patient's cell.
 #[must_use]
 pub fn cell_fit(
     plan: &ResolvedPatient,
@@ -32,11 +32,11 @@ pub fn cell_fit(
     }
 }
 
-/// The calcium that is a fixed input: the measured transient, else the median of the organ's nodes; none where Rice's
-/// transient is fitted.
+/// Calcium as a fixed input: the measured transient, or else the median over the organ's nodes;
+/// `None` if Rice's transient is fitted.
 ///
 /// # Errors
-/// [`Failure`] of class input where a fixed input is wanted and there is none.
+/// [`Failure`] of class input if a fixed input is wanted and does not exist.
 pub fn calcium(
     plan: &ResolvedPatient,
     targets: &TargetsResult,
@@ -71,8 +71,8 @@ pub fn calcium(
     }
 }
 
-/// The fitted cell in the organ: frozen values and fitted ones, without `a_p`, which is the 0D cell's passive stress;
-/// the organ has its own.
+/// Parameters of the fitted cell in the organ: frozen and fitted values, without `a_p`. That is the
+/// passive stress of the 0D cell, and the organ has its own.
 #[must_use]
 pub fn cell_parameters(plan: &ResolvedPatient, fit: &CellFitResult) -> BTreeMap<String, f64> {
     let mut parameters = plan.settings.step2.frozen.clone();
@@ -81,7 +81,7 @@ pub fn cell_parameters(plan: &ResolvedPatient, fit: &CellFitResult) -> BTreeMap<
     parameters
 }
 
-/// The contraction of the verification beat.
+/// Contraction of the verification beat.
 #[must_use]
 pub fn contraction(
     plan: &ResolvedPatient,

@@ -1,4 +1,5 @@
-//! A patient's chain as far as its tasks are settled: what reports read, computed anew at every decision.
+//! A patient's chain as far as its tasks are settled. It is the basis of reports and is derived
+//! anew at every decision.
 
 use std::collections::BTreeMap;
 
@@ -10,47 +11,49 @@ use serde::{Deserialize, Serialize};
 
 use super::patient::{Stage, Step};
 
-/// Settled tasks of a patient, in order.
+/// Settled tasks of a patient, in the order of the chain.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Chain {
-    /// Step 0.
+    /// Task of step 0.
     pub step0: Option<TaskKey>,
-    /// Step 1's simulations, failed ones and those of earlier settings included.
+    /// Simulations of step 1, including failed ones and those under earlier settings.
     pub iterations: Vec<ChainIteration>,
-    /// What step 1's simulations were proposed by, where a task of its own did; the last one's may be still to come.
+    /// Proposals for step 1's simulations, if they are tasks of their own. The simulation of the
+    /// last one may not have been made yet.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub proposals: Vec<ChainProposal>,
-    /// How step 1 ended.
+    /// Ending of step 1; `None` while it goes on.
     pub step1: Option<Step1Summary>,
-    /// Step 2's targets.
+    /// Task of step 2's targets.
     pub targets: Option<TaskKey>,
-    /// Step 2.
+    /// Task of step 2's fit.
     pub cell_fit: Option<TaskKey>,
-    /// Its cost.
+    /// Cost of step 2's fit.
     pub step2_cost: Option<f64>,
-    /// The verification beat.
+    /// Task of the verification beat.
     pub verification: Option<TaskKey>,
-    /// Its cost by step 1's formula.
+    /// Cost of the verification beat by step 1's formula.
     pub verification_cost: Option<f64>,
-    /// What the best beat with a cell in the organ says of the twin: the verification beat, or one of step 3.
+    /// Verdict on the twin from the best beat with a cell in the organ: the verification beat, or a
+    /// simulation of step 3.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
-    /// Step 3's simulations, failed ones included.
+    /// Simulations of step 3, including failed ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub step3_iterations: Vec<Step3ChainIteration>,
-    /// What they were proposed by.
+    /// Proposals for step 3's simulations.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub step3_proposals: Vec<ChainProposal>,
-    /// How step 3 ended.
+    /// Ending of step 3; `None` while it goes on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step3: Option<Step3Summary>,
-    /// How sure the twin is.
+    /// Task of the posterior, which measures how certain the twin is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posterior: Option<TaskKey>,
-    /// No-op tasks.
+    /// Tasks of a no-op workflow.
     pub noops: Vec<TaskKey>,
-    /// The one task of a sweep's element.
+    /// The only task of an element of a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub task: Option<TaskKey>,
 }
@@ -58,13 +61,13 @@ pub struct Chain {
 /// One simulation of step 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ChainIteration {
-    /// What was simulated.
+    /// Simulated parameters.
     pub parameters: Step1Parameters,
-    /// The task.
+    /// Key of the task.
     pub task: TaskKey,
-    /// Sum of squared relative differences; absent where it failed.
+    /// Sum of squared relative differences; `None` if the simulation failed.
     pub cost: Option<f64>,
-    /// Whether a valve did not open and close, so that it cannot be the result.
+    /// Whether a valve did not open and close, so that the beat cannot be the result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub no_whole_beat: bool,
     /// (simulated − measured) / measured, by biomarker.
@@ -76,32 +79,33 @@ pub struct ChainIteration {
 pub struct Step3ChainIteration {
     /// Parameters that step 3 moves, by name.
     pub parameters: BTreeMap<String, f64>,
-    /// The task.
+    /// Key of the task.
     pub task: TaskKey,
-    /// Squared differences over the measurements' variances; absent where it failed.
+    /// Sum of squared differences over the measurements' variances; `None` if the simulation
+    /// failed.
     pub misfit: Option<f64>,
     /// Whether both valves opened and closed.
     pub whole_beat: bool,
-    /// What it says of the twin; absent where it failed.
+    /// Verdict on the twin; `None` if the simulation failed.
     pub verdict: Option<Verdict>,
 }
 
-/// What proposed a simulation of step 1 or 3.
+/// A proposal for a simulation of step 1 or 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ChainProposal {
-    /// Which iteration, from 1.
+    /// Number of the iteration, from 1.
     pub iteration: u32,
-    /// The task.
+    /// Key of the task.
     pub task: TaskKey,
-    /// The cost that it promised.
+    /// Predicted cost.
     pub predicted_cost: f64,
-    /// The misfit, by the weights of step 1.
+    /// Predicted misfit, with the weights of the step.
     #[serde(default)]
     pub predicted_misfit: f64,
 }
 
 impl Chain {
-    /// Every settled task with its place.
+    /// Every settled task with its step.
     pub fn steps(&self) -> impl Iterator<Item = (Step, &TaskKey)> {
         let iterations = self.iterations.iter().map(|i| &i.task);
         let of = |stage: Stage| {
@@ -146,7 +150,7 @@ impl Chain {
         steps.into_iter()
     }
 
-    /// What proposed an iteration, from 1.
+    /// Proposal for an iteration of step 1, from 1.
     #[must_use]
     pub fn proposal(&self, iteration: u32) -> Option<&ChainProposal> {
         self.proposals
@@ -154,7 +158,7 @@ impl Chain {
             .find(|proposal| proposal.iteration == iteration)
     }
 
-    /// What proposed an iteration of step 3, from 1.
+    /// Proposal for an iteration of step 3, from 1.
     #[must_use]
     pub fn step3_proposal(&self, iteration: u32) -> Option<&ChainProposal> {
         self.step3_proposals
@@ -162,7 +166,7 @@ impl Chain {
             .find(|proposal| proposal.iteration == iteration)
     }
 
-    /// Lowest cost of a whole beat of step 1 so far.
+    /// Lowest cost of step 1's whole beats so far.
     #[must_use]
     pub fn best_cost(&self) -> Option<f64> {
         self.iterations

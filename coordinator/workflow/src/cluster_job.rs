@@ -1,5 +1,5 @@
-//! A job of a cluster: a submission under a unique name, and its elements, which live and end each by itself. A job
-//! that is no array has one element.
+//! State machine of a cluster's job: a submission under a unique name, and its elements, each of
+//! which lives and ends by itself. A job that is not an array has one element.
 //!
 //! ```text
 //!  submission:            Accepted                        element:  Waiting ⇄ Running ──┐ Ended
@@ -10,8 +10,9 @@
 //!     ▼              ▼                                                 ▼                │
 //!    Void ◄──────── Void (fenced)                                     Stopping ─────────┘
 //! ```
-//! The name is durable before the scheduler is asked for anything. `Unknown` is no ending: absence from the queue never is.
-//! What is given up is fenced first, so that a job that lives on unseen begins and publishes nothing.
+//! The name is durable before the first request to the scheduler. `Unknown` is not an ending,
+//! because absence from the queue proves nothing. A job that is given up is fenced first, so that a
+//! job that lives on out of sight begins and publishes nothing.
 
 use cardiotwin_schemas::failure::SiteCause;
 use serde::{Deserialize, Serialize};
@@ -21,129 +22,129 @@ use super::IllegalTransition;
 /// A job with its elements.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ClusterJob {
-    /// Whether the scheduler has it.
+    /// State of the submission.
     pub submission: Submission,
-    /// How each element stands.
+    /// State of each element.
     pub elements: Vec<Element>,
 }
 
-/// Whether the scheduler has a job.
+/// State of a submission.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "submission", rename_all = "kebab-case")]
 pub enum Submission {
-    /// Its name is durable; whether the scheduler was asked is told by the job's folder.
+    /// The name is durable. The job's folder shows whether the scheduler was asked.
     Intended,
-    /// The scheduler was asked and its answer was none: the name is looked up.
+    /// The scheduler was asked, but its answer is unclear: the name is looked up.
     Doubtful {
-        /// Milliseconds since 1970.
+        /// Time of the request, milliseconds since 1970.
         since_ms: i64,
-        /// What was seen.
+        /// Description of the answer.
         why: String,
     },
-    /// The scheduler has it.
+    /// The scheduler accepted the job.
     Accepted {
-        /// Its number, where it was told.
+        /// Scheduler's number of the job; `None` if it is unknown.
         job: Option<u64>,
     },
-    /// No job came of it.
+    /// The submission led to no job.
     Void {
-        /// Why.
+        /// Reason, for a person.
         why: String,
     },
 }
 
-/// How an element stands.
+/// State of an element.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "element", rename_all = "kebab-case")]
 pub enum Element {
-    /// In the queue, or on its way there.
+    /// The element is in the queue, or on its way there.
     Waiting,
-    /// It has nodes.
+    /// The element has nodes.
     Running,
-    /// Neither alive nor ended as far as can be seen.
+    /// The element is visibly neither alive nor ended.
     Unknown {
-        /// Milliseconds since 1970.
+        /// Time since which this is so, milliseconds since 1970.
         since_ms: i64,
-        /// For a person.
+        /// Reason, for a person.
         why: String,
     },
-    /// Asked to end.
+    /// The element was asked to end.
     Stopping,
-    /// Over.
+    /// The element is over.
     Over {
-        /// How.
+        /// Its ending.
         ending: Ending,
     },
 }
 
-/// How an element ended.
+/// Ending of an element.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ending {
-    /// What it died of; nothing where it came to its own end or was not wanted any more.
+    /// Cause of a failure; `None` if the element ended in order or was not wanted any more.
     pub cause: Option<SiteCause>,
-    /// For a person.
+    /// Description for a person.
     pub words: String,
 }
 
-/// What happens to a job. The first two are commands.
+/// Event of a job. The first two are commands, the others observations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum JobEvent {
     /// Command: an element is not wanted any more.
     Cancel {
-        /// Which.
+        /// Index of the element.
         element: usize,
     },
-    /// Command: the grace of an unknown element is over.
+    /// Command: the grace time of an unknown element is over.
     GiveUp {
-        /// Which.
+        /// Index of the element.
         element: usize,
     },
-    /// The scheduler has it.
+    /// The scheduler has the job.
     Accepted {
-        /// Its number, where it was told.
+        /// Scheduler's number of the job; `None` if it is unknown.
         job: Option<u64>,
     },
-    /// The scheduler does not take it, and never will as it is.
+    /// The scheduler refused the job, and would refuse the same job again.
     Refused {
-        /// In its words.
+        /// Message of the scheduler.
         why: String,
     },
-    /// It was asked, and what it said is no answer.
+    /// The scheduler was asked, but its answer is unclear.
     Doubt {
-        /// Milliseconds since 1970.
+        /// Time of the request, milliseconds since 1970.
         at_ms: i64,
-        /// What was seen.
+        /// Description of the answer.
         why: String,
     },
-    /// A lookup that was answered does not know the name, and the grace since the doubt is over.
+    /// A lookup was answered without the name, and the grace time since the doubt is over.
     Absent,
     /// An element was seen alive.
     Seen {
-        /// Which.
+        /// Index of the element.
         element: usize,
-        /// Whether it has begun.
+        /// Whether the element has begun.
         runs: bool,
     },
     /// An element is not where it was.
     Vanished {
-        /// Which.
+        /// Index of the element.
         element: usize,
-        /// Milliseconds since 1970.
+        /// Time of this observation, milliseconds since 1970.
         at_ms: i64,
-        /// For a person.
+        /// Reason, for a person.
         why: String,
     },
     /// An element ended.
     Ended {
-        /// Which.
+        /// Index of the element.
         element: usize,
-        /// How.
+        /// Its ending.
         ending: Ending,
     },
 }
 
-/// What to do about it. Each may be done twice.
+/// Action that follows from a transition. Each may be executed twice.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JobAction {
     /// Fence an element's folder.
@@ -153,7 +154,7 @@ pub enum JobAction {
 }
 
 impl ClusterJob {
-    /// A job whose name is about to be durable.
+    /// A job whose name is about to be committed.
     #[must_use]
     pub fn intended(n_elements: usize) -> Self {
         Self {
@@ -162,7 +163,7 @@ impl ClusterJob {
         }
     }
 
-    /// Whether nothing of it can live any more.
+    /// Whether no element can be live any more.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.elements
@@ -170,7 +171,7 @@ impl ClusterJob {
             .all(|element| matches!(element, Element::Over { .. }))
     }
 
-    /// One word for tables.
+    /// Name of an element's state in one word, for tables.
     #[must_use]
     pub fn word(&self, element: usize) -> &'static str {
         match (&self.submission, self.elements.get(element)) {
@@ -184,10 +185,11 @@ impl ClusterJob {
         }
     }
 
-    /// Next state and what to do about it.
+    /// Next state, and the actions that follow.
     ///
     /// # Errors
-    /// [`IllegalTransition`] for a command that makes no sense here; never for an observation.
+    /// [`IllegalTransition`] for a command that makes no sense in this state; never for an
+    /// observation.
     pub fn on(mut self, event: JobEvent) -> Result<(Self, Vec<JobAction>), IllegalTransition> {
         use JobEvent as E;
         let mut actions = Vec::new();
@@ -197,7 +199,8 @@ impl ClusterJob {
                     self.submission = Submission::Accepted { job }
                 }
                 Submission::Accepted { job: known } => *known = known.or(job),
-                // Given up and fenced: what turns up late is a job that does nothing, and is cancelled.
+                // The job was given up and fenced. If it turns up late, it does nothing and is
+                // cancelled.
                 Submission::Void { .. } => {
                     actions.extend((0..self.elements.len()).map(JobAction::Cancel))
                 }
@@ -265,7 +268,7 @@ impl ClusterJob {
                     .get_mut(element)
                     .filter(|e| !matches!(e, Element::Over { .. }))
                 {
-                    // What died because it was to be stopped died of nothing.
+                    // An element that died because it had to stop has no cause of failure.
                     let cause = ending.cause.filter(|_| *state != Element::Stopping);
                     *state = Element::Over {
                         ending: Ending { cause, ..ending },
@@ -376,7 +379,8 @@ mod tests {
     }
 
     proptest! {
-        /// Late, doubled and lost observations: what is over stays over, what is void never lives, nothing is undone.
+        /// Late, repeated and lost observations: an element that is over stays over, a void
+        /// submission stays void, and nothing is undone.
         #[test]
         fn no_order_of_events_undoes_an_ending(order in proptest::collection::vec(0_usize..23, 0..40)) {
             let events = events();
@@ -387,7 +391,7 @@ mod tests {
                     if matches!(before, Element::Over { .. }) {
                         prop_assert_eq!(before, after);
                     }
-                    // Nothing ends by our doing without its fence.
+                    // Every ending other than a refusal comes with a fence.
                     if !matches!(before, Element::Over { .. }) && matches!(after, Element::Over { .. })
                         && !matches!(events[i], JobEvent::Refused { .. })
                     {

@@ -1,7 +1,8 @@
-//! The verdict on an outcome: by the science, never by exit 0 alone (SPEC section 5).
+//! Verdict on an outcome by its scientific content, never by exit code 0 alone (SPEC section 5).
 //!
-//! A result counts only if it answers the task that was asked, is finite, and passes every check of the science that
-//! it carries. Whatever else ended well is a failure all the same, of class numerics.
+//! A result counts only if it answers the requested task, is finite, and passes every scientific
+//! check that it carries. Any other outcome of a process that exited well is a failure of class
+//! numerics, or of class bug if it contradicts its task or itself.
 
 use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers, CellBiomarkers};
 use cardiotwin_schemas::discover::Discovered;
@@ -17,7 +18,7 @@ use cardiotwin_schemas::step1::Step1Parameter;
 
 use super::attempt::AttemptEnding;
 
-/// How an attempt at a task of `kind` ended, judged by what it left.
+/// Ending of an attempt at a task of `kind`, judged by its outcome.
 #[must_use]
 pub fn judge(attempt: &AttemptId, kind: &str, outcome: &TaskOutcome) -> AttemptEnding {
     if &outcome.attempt != attempt {
@@ -51,7 +52,7 @@ fn numerics(message: String) -> Failure {
     Failure::new(FailureClass::Numerics, message)
 }
 
-/// Whether a result answers a task of `kind` and may be believed.
+/// Whether a result answers a task of `kind` and is plausible.
 fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
     match (kind, result) {
         ("passive-state", TaskResult::PassiveState(r)) => passive_state(r),
@@ -142,7 +143,8 @@ fn organ_beat(r: &OrganBeatResult) -> Result<(), Failure> {
             "the simulation reports no check of its science",
         ));
     }
-    // Whether a beat whose valves stay shut is of use depends on what it is for: the workflow says.
+    // The use of a beat whose valves stay shut depends on its purpose, so the workflow decides on
+    // it.
     if let Some(check) = r.failed_simulation() {
         return Err(numerics(check.to_string()));
     }
@@ -210,7 +212,8 @@ fn discover(r: &Discovered) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Samples that fail are part of a sweep's answer; only that each is accounted for is checked.
+/// Failed samples are part of a sweep's result; the check is only that each sample is accounted
+/// for.
 fn cell_sweep(r: &CellSweepResult) -> Result<(), Failure> {
     let counted = r.n_periodic + r.n_not_periodic + r.n_stuck + r.n_refused;
     if r.n_samples == 0 || counted != r.n_samples {

@@ -1,12 +1,14 @@
-//! A patient's workflow, pure: state machines, the verdict on outcomes, and what follows from what. No clock, no file, no
-//! database, no `async`.
+//! A patient's workflow as pure functions: state machines, the verdict on outcomes, and the
+//! derivation of the next task. No clock, file, database or `async`.
 //!
-//! Three identities are never mixed. A **task** ([`task`]) is what is wanted, an **attempt** ([`attempt`]) is one try at
-//! it in its own directory, an **allocation** is what a scheduler gave (the store's table; the local executor has one
-//! for each coordinator's life). A **patient** ([`patient`]) walks along a chain of tasks.
+//! Three identities are never mixed. A **task** ([`task`]) is a wanted result, an **attempt**
+//! ([`attempt`]) is one try at it in a directory of its own, and an **allocation** is the resources
+//! that a scheduler gave (a table of the store; the local executor has one per coordinator
+//! process). A **patient** ([`patient`]) proceeds along a chain of tasks.
 //!
-//! Each machine is one total function `on(state, event)`. Commands that make no sense are errors; observations (late,
-//! doubled, lost and found) never are, and change nothing that they should not.
+//! Each machine is one total function `on(state, event)`. Commands that make no sense are errors.
+//! Observations (late, repeated, lost or found again) are never errors, and have no effect that
+//! they should not have.
 
 pub mod attempt;
 pub mod cell_fit;
@@ -25,10 +27,10 @@ mod tests;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{machine} is {state}: `{event}` makes no sense there")]
 pub struct IllegalTransition {
-    /// `patient`, `task` or `attempt`.
+    /// Name of the machine: `patient`, `task`, `attempt` or `cluster job`.
     pub machine: &'static str,
-    /// Present state, as printed.
+    /// Name of the present state.
     pub state: String,
-    /// The command, as printed.
+    /// Name of the command.
     pub event: String,
 }

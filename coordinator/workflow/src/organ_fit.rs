@@ -1,4 +1,5 @@
-//! Step 3 as tasks: which parameters to simulate next in the organ, and when to stop. Pure.
+//! Step 3 as tasks: comparison of the beats so far, and the criteria for another simulation. Pure
+//! functions.
 
 use std::collections::BTreeMap;
 
@@ -10,32 +11,34 @@ use cardiotwin_schemas::step3::Step3Settings;
 use cardiotwin_schemas::task::{ProposalRun, Step3Run};
 use cardiotwin_schemas::verdict::Verdict;
 
-/// A beat that is already personalised is bettered only where another promises to take away this share of its misfit.
+/// Relative reduction of the misfit that a proposal must promise if the best beat is already
+/// personalised.
 const PROMISED_SHARE: f64 = 0.2;
-/// One that is not, where another promises this share.
+/// The same if the best beat is not personalised.
 const LEAST_SHARE: f64 = 0.02;
 
 /// A beat of the organ with a cell: the verification beat, or one of step 3.
 #[derive(Debug, Clone)]
 pub struct Beat {
-    /// Parameters that step 3 may move.
+    /// Values of the parameters that step 3 may change.
     pub parameters: BTreeMap<String, f64>,
-    /// What came out; none where the simulation failed.
+    /// Simulated biomarkers; `None` if the simulation failed.
     pub biomarkers: Option<Biomarkers>,
-    /// Its pressure and volume.
+    /// Simulated pressure and volume; `None` if the simulation failed.
     pub samples: Option<BeatSamples>,
-    /// The valve that did not open and close, if one did not.
+    /// Name of a valve that did not open and close; `None` if both did.
     pub shut: Option<String>,
-    /// The misfit that its proposal promised.
+    /// Misfit that the proposal of this beat predicted; `None` for the verification beat.
     pub predicted_misfit: Option<f64>,
-    /// Squared differences over the measurements' variances; none where it failed.
+    /// Sum of squared differences over the measurements' variances; `None` if the simulation
+    /// failed.
     pub misfit: Option<f64>,
-    /// What it says of the twin.
+    /// Verdict on the twin; `None` if the simulation failed.
     pub verdict: Option<Verdict>,
 }
 
 impl Beat {
-    /// A simulation that did not end.
+    /// A simulation that failed.
     pub fn failed(parameters: BTreeMap<String, f64>) -> Self {
         let (biomarkers, samples, shut) = (None, None, None);
         Self {
@@ -49,17 +52,17 @@ impl Beat {
         }
     }
 
-    /// Whether it ended, and both valves opened and closed.
+    /// Whether the simulation succeeded and both valves opened and closed.
     pub fn is_whole(&self) -> bool {
         self.biomarkers.is_some() && self.shut.is_none()
     }
 
-    /// What a whole beat says of the twin.
+    /// Verdict of a whole beat on the twin.
     pub fn whole_verdict(&self) -> Option<Verdict> {
         self.verdict.clone().filter(|_| self.is_whole())
     }
 
-    /// The beat as a proposal sees it.
+    /// The beat as input of a proposal.
     pub fn told(&self) -> Step3Run {
         let run = ProposalRun {
             parameters: self.parameters.clone(),
@@ -91,14 +94,14 @@ pub fn misfit(
     of_biomarkers + of_traces.sum::<f64>()
 }
 
-/// The whole beat of lowest misfit; none without one.
+/// Index of the whole beat with the lowest misfit; `None` if there is no whole beat.
 pub fn best(beats: &[Beat]) -> Option<usize> {
     let whole = beats.iter().enumerate().filter(|(_, beat)| beat.is_whole());
     let misfits = whole.filter_map(|(i, beat)| Some((i, beat.misfit?)));
     misfits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
 }
 
-/// Whether another beat of a promised misfit is worth it.
+/// Whether another beat with this predicted misfit is worth its simulation.
 pub fn worth_it(beats: &[Beat], promised: f64) -> bool {
     let Some(beat) = best(beats).map(|i| &beats[i]) else {
         return true;
@@ -112,7 +115,8 @@ pub fn worth_it(beats: &[Beat], promised: f64) -> bool {
         .is_none_or(|misfit| promised < (1.0 - share) * misfit)
 }
 
-/// Whether the best beat meets the measurements to within their uncertainty, so that nothing is left to better.
+/// Whether the best beat agrees with the measurements to within their uncertainty, so that no
+/// improvement is left.
 pub fn content(beats: &[Beat], n_measured: f64) -> bool {
     let within = |beat: &Beat| beat.misfit.is_some_and(|misfit| misfit <= n_measured);
     best(beats).is_some_and(|i| is_personalised(&beats[i]) && within(&beats[i]))

@@ -1,4 +1,4 @@
-//! A patient's way along its chain of tasks.
+//! State machine of a patient on its way along the chain of tasks.
 //!
 //! ```text
 //!            Want(step, task)              TaskSettled(task)
@@ -15,8 +15,9 @@
 //!          noop-1 ─► noop-2 ─► noop-3                                                 (noop)
 //!          task                                                                       (an element of a sweep)
 //! ```
-//! `stalled` is a quality of step 1's result, no state: the chain goes on from the best iteration. Steps only go
-//! forward; only `Replan` goes back. Done, Failed and Cancelled absorb every observation.
+//! `stalled` is a quality of step 1's result and not a state: the chain continues from the best
+//! iteration. Steps only go forward; only `Replan` goes back. Done, Failed and Cancelled absorb
+//! every observation.
 
 use std::cmp::Ordering;
 use std::fmt;
@@ -28,42 +29,42 @@ use serde::{Deserialize, Serialize};
 
 use super::IllegalTransition;
 
-/// A stage of the chain, as people name it.
+/// A stage of the chain, under the name that people use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
     /// Passive state and loads.
     #[serde(rename = "step-0")]
     Step0,
-    /// What to simulate next at the organ, where a task of its own finds that.
+    /// Proposals for step 1's simulations, if they are tasks of their own.
     #[serde(rename = "step-1-proposal")]
     Step1Proposal,
-    /// The simulations at the organ.
+    /// Simulations of the organ with the Tanh model.
     #[serde(rename = "step-1")]
     Step1,
-    /// Median traces.
+    /// Median traces over the nodes, as targets of the fit.
     Targets,
     /// Differential evolution at the cell.
     #[serde(rename = "step-2")]
     Step2,
     /// One beat with the fitted cell.
     Verification,
-    /// What to simulate next with a cell in the organ.
+    /// Proposals for step 3's simulations.
     #[serde(rename = "step-3-proposal")]
     Step3Proposal,
-    /// The simulations with cells in the organ.
+    /// Simulations of the organ with changed cells.
     #[serde(rename = "step-3")]
     Step3,
-    /// How sure the twin is.
+    /// Sampling of the posterior, which measures how certain the twin is.
     Posterior,
-    /// A no-op.
+    /// Tasks without any effect.
     Noop,
-    /// The one task of a sweep's element.
+    /// The only task of an element of a sweep.
     Task,
 }
 
 impl Stage {
-    /// As in tables and files.
+    /// Name of the stage in tables and files.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -88,20 +89,20 @@ impl fmt::Display for Stage {
     }
 }
 
-/// A word that names no stage.
+/// A word that is not the name of a stage.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{found}` is no step; expected step0, step1, targets, step2, verification, step3 or posterior"
 )]
 pub struct UnknownStage {
-    /// What was given.
+    /// The word.
     pub found: String,
 }
 
 impl FromStr for Stage {
     type Err = UnknownStage;
 
-    /// Accepts `step1` and `step-1` alike.
+    /// Accepts both `step1` and `step-1`.
     fn from_str(text: &str) -> Result<Self, UnknownStage> {
         match text {
             "step0" | "step-0" => Ok(Self::Step0),
@@ -118,13 +119,13 @@ impl FromStr for Stage {
     }
 }
 
-/// A stage, and which of its tasks: iterations of steps 1 and 3, their proposals and no-ops count from 1, the others have
-/// one.
+/// A stage with the number of one of its tasks. Iterations of steps 1 and 3, their proposals and
+/// no-ops are numbered from 1; any other stage has one task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Step {
     /// The stage.
     pub stage: Stage,
-    /// 1 for the first.
+    /// Number within the stage, from 1.
     pub number: u32,
 }
 
@@ -137,7 +138,7 @@ impl Step {
 }
 
 impl Ord for Step {
-    /// The order of the chain: proposals and simulations of a step take turns.
+    /// The order of the chain, in which proposals and simulations of a step alternate.
     fn cmp(&self, other: &Self) -> Ordering {
         let key = |step: &Self| match step.stage {
             Stage::Step1Proposal => (Stage::Step1, step.number, 0),
@@ -167,84 +168,85 @@ impl fmt::Display for Step {
     }
 }
 
-/// Where a patient stands.
+/// State of a patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "state", rename_all = "kebab-case")]
 pub enum Patient {
-    /// Nothing asked for yet (or again).
+    /// No task has been requested yet (or again).
     Waiting,
-    /// A task is wanted.
+    /// The patient waits for a task.
     Working {
-        /// Where.
+        /// Step of the chain.
         step: Step,
-        /// Which.
+        /// Key of the task.
         task: TaskKey,
     },
-    /// The task is settled; what follows is not decided yet.
+    /// The task is settled, and the next decision is still to be made.
     Deciding {
-        /// Where the settled task stood.
+        /// Step of the settled task.
         after: Step,
     },
     /// The whole chain is done.
     Done,
-    /// Held by a failure.
+    /// A failure holds the chain.
     Failed {
-        /// Where.
+        /// Step of the failed task.
         step: Step,
-        /// Why.
+        /// Class and message of the failure.
         failure: Failure,
     },
-    /// A person ended it.
+    /// A person cancelled the patient.
     Cancelled {
-        /// Where it stood.
+        /// Step at the time of the cancellation; `None` if there was none.
         at: Option<Step>,
     },
 }
 
-/// What happens to a patient. All but `TaskSettled` are commands.
+/// Event of a patient. All but `TaskSettled` are commands.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum PatientEvent {
     /// The chain needs this task next.
     Want {
-        /// Where.
+        /// Step of the chain.
         step: Step,
-        /// Which.
+        /// Key of the task.
         task: TaskKey,
     },
     /// Observation: a task was published or failed for good.
     TaskSettled {
-        /// Which.
+        /// Key of the task.
         task: TaskKey,
     },
     /// Nothing is left to do.
     Finish,
-    /// The chain cannot go on.
+    /// A failure holds the chain.
     Fail {
-        /// Where.
+        /// Step of the failed task.
         step: Step,
-        /// Why.
+        /// Class and message of the failure.
         failure: Failure,
     },
-    /// A person ends it.
+    /// A person cancels the patient.
     Cancel,
-    /// Inputs or settings changed, or a person wants a rerun or a retry: decide anew.
+    /// Inputs or settings changed, or a person requested a rerun or retry: decide anew.
     Replan {
-        /// For the history.
+        /// Reason, for the history.
         reason: String,
     },
 }
 
-/// What to do about it.
+/// Action that follows from a transition.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PatientAction {
-    /// This patient does not want the task any more; it may end if nobody else does.
+    /// The patient does not need the task any more; an attempt at it may end if no other patient
+    /// does.
     Release(TaskKey),
 }
 
 impl Patient {
-    /// Whether it is over: done, failed or cancelled.
+    /// Whether the patient is over: done, failed or cancelled.
     #[must_use]
     pub fn is_final(&self) -> bool {
         matches!(
@@ -253,7 +255,8 @@ impl Patient {
         )
     }
 
-    /// One word for tables; whether a wanted task runs is the task's affair.
+    /// Name of the state in one word, for tables. It does not tell whether a wanted task is
+    /// running.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
@@ -265,7 +268,7 @@ impl Patient {
         }
     }
 
-    /// Where it stands, if anywhere.
+    /// Step at which the patient is; `None` before the first and after the last task.
     #[must_use]
     pub fn step(&self) -> Option<Step> {
         match self {
@@ -276,10 +279,11 @@ impl Patient {
         }
     }
 
-    /// Next state and what to do about it.
+    /// Next state, and the actions that follow.
     ///
     /// # Errors
-    /// [`IllegalTransition`] for a command that makes no sense here; never for an observation.
+    /// [`IllegalTransition`] for a command that makes no sense in this state; never for an
+    /// observation.
     pub fn on(self, event: PatientEvent) -> Result<(Self, Vec<PatientAction>), IllegalTransition> {
         use PatientEvent as E;
         match (self, event) {

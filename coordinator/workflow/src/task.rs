@@ -1,4 +1,5 @@
-//! A task: what is wanted. Its key says what it is, so two patients that want the same thing share one task.
+//! State machine of a task, that is of a wanted result. Its key identifies the result, so two
+//! patients that want the same result share one task.
 //!
 //! ```text
 //!          Start{g}                 Ended{g, Succeeded}
@@ -8,8 +9,9 @@
 //!   │     Cancelled, site failure within the budget                            │
 //!   └───────────────────────────── Retry ──────────────────────────────────────┘
 //! ```
-//! Only the current generation counts: an `Ended` of an older one changes nothing. A published task is never run again, unless
-//! its files were purged and somebody needs them: `Purged` opens it for a further generation.
+//! Only the current generation counts: an `Ended` of an older one changes nothing. A published task
+//! is never run again, unless its files were purged and are still needed: `Purged` opens it for a
+//! further generation.
 
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use serde::{Deserialize, Serialize};
@@ -17,55 +19,55 @@ use serde::{Deserialize, Serialize};
 use super::IllegalTransition;
 use super::attempt::AttemptEnding;
 
-/// Where a task stands. Generations count from 1 and never go back.
+/// State of a task. Generations count from 1 and never decrease.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "state", rename_all = "kebab-case")]
 pub enum Task {
-    /// Not done, and nobody is at it.
+    /// The task has no result, and no attempt is in progress.
     Open {
-        /// Last generation that was tried; 0 for none.
+        /// Last generation that was tried; 0 if there is none.
         generation: u32,
-        /// Site failures charged so far.
+        /// Number of site failures charged so far.
         site_failures: u32,
     },
-    /// An attempt is at it.
+    /// An attempt is in progress.
     Attempting {
-        /// The one that may publish.
+        /// Generation of the attempt, the only one that may publish.
         generation: u32,
-        /// Site failures charged so far.
+        /// Number of site failures charged so far.
         site_failures: u32,
     },
-    /// Its result stands.
+    /// The task has a result.
     Published {
-        /// Which attempt published.
+        /// Generation of the attempt that published it.
         generation: u32,
     },
-    /// It failed, and trying the same again by itself makes no sense.
+    /// The task failed, and another attempt without a request would be useless.
     Failed {
-        /// The last attempt.
+        /// Generation of the last attempt.
         generation: u32,
-        /// Why.
+        /// Class and message of the failure.
         failure: Failure,
     },
 }
 
-/// What happens to a task.
+/// Event of a task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "kebab-case")]
 pub enum TaskEvent {
     /// Command: begin the next attempt.
     Start,
-    /// Command: a person asks for another try at a failed task.
+    /// Command: a person requests another attempt at a failed task.
     Retry,
     /// Observation: files of the published attempt are gone, and a wanted task reads them.
     Purged,
     /// Observation: an attempt ended.
     Ended {
-        /// Which one.
+        /// Generation of the attempt.
         generation: u32,
-        /// How.
+        /// Its ending.
         how: AttemptEnding,
-        /// How many site failures are forgiven.
+        /// Number of site failures that are forgiven.
         site_retries: u32,
     },
 }
@@ -80,7 +82,7 @@ impl Default for Task {
 }
 
 impl Task {
-    /// The last generation that was begun; 0 for none.
+    /// Last generation that was begun; 0 if there is none.
     #[must_use]
     pub fn generation(&self) -> u32 {
         match self {
@@ -91,13 +93,13 @@ impl Task {
         }
     }
 
-    /// Whether it is settled: published or failed.
+    /// Whether the task is settled, that is published or failed.
     #[must_use]
     pub fn is_final(&self) -> bool {
         matches!(self, Self::Published { .. } | Self::Failed { .. })
     }
 
-    /// One word for tables.
+    /// Name of the state in one word, for tables.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
@@ -111,7 +113,8 @@ impl Task {
     /// Next state.
     ///
     /// # Errors
-    /// [`IllegalTransition`] for `Start` of a task that is not open and `Retry` of one that did not fail.
+    /// [`IllegalTransition`] for `Start` of a task that is not open, and for `Retry` of a task that
+    /// did not fail.
     pub fn on(self, event: TaskEvent) -> Result<Self, IllegalTransition> {
         match (self, event) {
             (
@@ -166,7 +169,7 @@ impl Task {
     }
 }
 
-/// What follows from a failure: the site's are forgiven `site_retries` times, all others stand.
+/// State after a failure: site failures are forgiven `site_retries` times, all others are final.
 fn settle(generation: u32, site_failures: u32, failure: Failure, site_retries: u32) -> Task {
     if failure.class == FailureClass::Site && site_failures < site_retries {
         Task::Open {

@@ -1,4 +1,5 @@
-//! Properties of the three machines, and the table of every state and event.
+//! Properties of the state machines of attempts, tasks and patients, and the table of every state
+//! and event.
 
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::{ExternalId, TaskKey};
@@ -225,7 +226,7 @@ fn any_of<T: Clone + std::fmt::Debug + 'static>(all: Vec<T>) -> impl Strategy<Va
     prop::collection::vec(prop::sample::select(all), 0..40)
 }
 
-/// Events as a log would hold them: those that were accepted.
+/// Events as the log holds them, that is only accepted ones.
 fn accepted<S: Clone, E: Clone>(
     start: S,
     events: &[E],
@@ -257,7 +258,7 @@ proptest! {
     fn no_attempt_is_left_in_limbo(events in any_of(attempt_events())) {
         let (state, _) = accepted(Attempt::Planned, &events, attempt_on);
         if !state.is_final() {
-            // A person can always end it, and the news of its end is always heard.
+            // A person can always end the attempt, and evidence of its end is always accepted.
             let (cancelled, _) = state.clone().on(AttemptEvent::Cancel).unwrap();
             let how = AttemptEnding::Interrupted;
             let ended = attempt_on(cancelled, AttemptEvent::Ended { how }).unwrap();
@@ -317,7 +318,7 @@ proptest! {
         task in any_of(task_events()),
         patient in any_of(patient_events()),
     ) {
-        // Through JSON, as the store keeps it.
+        // The log goes through JSON, as in the store.
         fn through<E: serde::Serialize + serde::de::DeserializeOwned>(log: &[E]) -> Vec<E> {
             log.iter().map(|event| serde_json::from_str(&json(event)).unwrap()).collect()
         }
@@ -337,7 +338,8 @@ proptest! {
             let Ok(next) = state.clone().on(event.clone()) else { continue };
             prop_assert!(next.generation() >= before.generation());
             if let Task::Published { generation } = before {
-                // Only files that are gone take a result back, and the next attempt has a directory of its own.
+                // Only missing files revoke a result, and the next attempt has a directory of its
+                // own.
                 let expected = match event {
                     TaskEvent::Purged => Task::Open { generation, site_failures: 0 },
                     _ => before.clone(),
@@ -380,7 +382,7 @@ proptest! {
         };
         let mut losses = 0;
         while !state.is_final() {
-            // What nobody is to blame for is not charged.
+            // Interruptions are not charged to the site.
             for _ in 0..interruptions {
                 state = end(state, AttemptEnding::Interrupted);
                 prop_assert_eq!(state.word(), "open");
@@ -395,7 +397,8 @@ proptest! {
     #[test]
     fn no_patient_is_left_in_limbo(events in any_of(patient_events())) {
         let (state, _) = accepted(Patient::Waiting, &events, patient_on);
-        // From everywhere a way leads to the end: the wanted task is settled, or all is decided anew.
+        // From every state a path leads to the end: the wanted task is settled, or everything is
+        // decided anew.
         let decided = match state.clone() {
             Patient::Working { task, .. } => patient_on(state.clone(), PatientEvent::TaskSettled { task }).unwrap(),
             Patient::Waiting | Patient::Deciding { .. } => state.clone(),

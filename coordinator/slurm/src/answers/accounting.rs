@@ -1,64 +1,66 @@
-//! What `sacct` answers: jobs of the past, from the database. It lags behind by seconds, may be down or absent, and
-//! knows a requeued job more than once.
+//! Answers of `sacct`: past jobs from Slurm's database. It lags behind by seconds, may be down or
+//! absent, and lists a requeued job more than once.
 
 use super::{NoAnswer, Output, Table};
 use crate::job::{Jobs, number};
 use crate::state::{SlurmState, cancelled_by};
 use crate::walltime;
 
-/// Columns asked for; the name, which may hold anything, last.
+/// Requested columns. The name comes last because it may contain any character.
 pub const COLUMNS: &str = "JobID,JobIDRaw,State,ExitCode,Reason,Submit,Start,End,ElapsedRaw,NNodes,AllocCPUS,NodeList,Partition,QOS,JobName";
 
-/// The code with which a job ended: that of its script, or the signal that ended it.
+/// Exit of a job: the code of its script, or the signal that ended it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ExitCode {
-    /// Of the script.
+    /// Exit code of the script.
     pub code: u8,
-    /// The signal, 0 where there was none. Out of memory is 125 here, which is no signal.
+    /// Signal, or 0 if there was none. Slurm reports 125 here for a job out of memory, although
+    /// that is no signal.
     pub signal: u8,
 }
 
 /// A job, or one run of a requeued job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AccountingRow {
-    /// Which job or jobs.
+    /// Job or jobs of the row.
     pub jobs: Jobs,
-    /// Its own number; empty knowledge for collapsed rows.
+    /// Number of the job itself; `None` for collapsed rows.
     pub raw: Option<u64>,
-    /// Its name.
+    /// Name of the job.
     pub name: String,
-    /// Its state.
+    /// State of the job.
     pub state: SlurmState,
-    /// Who cancelled it.
+    /// User id of the canceller; `None` if none is named.
     pub cancelled_by: Option<u32>,
-    /// How it ended.
+    /// Exit of the job; `None` if it cannot be read.
     pub exit: Option<ExitCode>,
-    /// Slurm's last reason.
+    /// Last reason that Slurm gave.
     pub reason: String,
-    /// When it was submitted, seconds since 1970.
+    /// Time of submission, seconds since 1970.
     pub submitted: Option<i64>,
-    /// When it started, seconds since 1970.
+    /// Time of the start, seconds since 1970.
     pub start: Option<i64>,
-    /// When it ended, seconds since 1970.
+    /// Time of the end, seconds since 1970.
     pub end: Option<i64>,
-    /// How long it ran, s.
+    /// Elapsed time, s.
     pub elapsed_s: Option<u64>,
-    /// Nodes.
+    /// Number of nodes.
     pub n_nodes: Option<u32>,
-    /// Cores.
+    /// Number of cores.
     pub n_cores: Option<u32>,
-    /// Names of its nodes, compressed.
+    /// Names of the nodes in Slurm's compressed notation; empty if none were assigned.
     pub nodes: String,
-    /// Partition.
+    /// Name of the partition.
     pub partition: String,
-    /// Quality of service.
+    /// Name of the QoS.
     pub qos: String,
 }
 
 /// Reads the answer to [`crate::commands::accounting`].
 ///
 /// # Errors
-/// [`NoAnswer`] where there is no accounting, its daemon is down, or something else was printed.
+/// [`NoAnswer`] if there is no accounting, its daemon is down, or the output is not the requested
+/// table.
 pub fn read(output: &Output) -> Result<Table<AccountingRow>, NoAnswer> {
     let header = format!("{}|", COLUMNS.replace(',', "|"));
     super::table("sacct", output, &header, "", "|", |cells| {
@@ -182,7 +184,7 @@ mod tests {
         );
     }
 
-    /// Also where a name holds the mark that ends a row.
+    /// Holds also if a job's name contains the mark that ends a row.
     #[test]
     fn a_cut_answer_tells_less_and_nothing_else() {
         let whole = recorded::output("sacct-ended");

@@ -1,35 +1,37 @@
-//! What `scontrol show config` answers: what a site tells about itself.
+//! Answers of `scontrol show config`: the configuration of a site.
 
 use super::{Exit, NoAnswer, Output, first_line};
 use crate::job::number;
 
-/// What of a site's configuration decides something here. A key that the site does not show is `None`.
+/// The part of a site's configuration on which decisions depend. A key that the site does not show
+/// is `None`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SiteConfig {
-    /// Version of Slurm, `22.05.8`.
+    /// Version of Slurm, such as `22.05.8`.
     pub version: Option<String>,
     /// Name of the cluster.
     pub cluster: Option<String>,
-    /// Largest array: an index may be at most one less, 0 where arrays are not allowed.
+    /// Upper bound of the array size. An index is at most one less; 0 means that arrays are not
+    /// allowed.
     pub max_array_size: Option<u32>,
-    /// How long squeue still shows a job that has ended, s.
+    /// Time for which squeue still shows an ended job, s.
     pub min_job_age_s: Option<u64>,
-    /// Between SIGTERM and SIGKILL, s.
+    /// Time between SIGTERM and SIGKILL, s.
     pub kill_wait_s: Option<u64>,
-    /// How long a job may go on past its walltime, min; `None` where it is unlimited, too.
+    /// Time by which a job may exceed its walltime, min; also `None` if it is unlimited.
     pub over_time_limit_min: Option<u64>,
-    /// Whether jobs are requeued that do not ask otherwise.
+    /// Whether jobs are requeued unless they ask otherwise.
     pub requeues_by_default: Option<bool>,
-    /// Whether there is a database for sacct.
+    /// Whether the site has a database for sacct.
     pub has_accounting: Option<bool>,
-    /// Whether limits of QoS and associations bind.
+    /// Whether limits of QoS and associations are enforced.
     pub enforces_limits: Option<bool>,
 }
 
 /// Reads the answer to [`crate::commands::config`].
 ///
 /// # Errors
-/// [`NoAnswer`] where scontrol failed or printed something else.
+/// [`NoAnswer`] if scontrol failed or the output is not a configuration.
 pub fn read(output: &Output) -> Result<SiteConfig, NoAnswer> {
     let command = "scontrol show config";
     if output.exit != Exit::Code(0) {
@@ -49,7 +51,7 @@ pub fn read(output: &Output) -> Result<SiteConfig, NoAnswer> {
     let mut config = SiteConfig::default();
     for line in lines {
         if line.trim().is_empty() {
-            break; // other parts follow, with keys of their own
+            break; // other sections follow, with keys of their own
         }
         let Some((key, value)) = line
             .split_once('=')

@@ -1,7 +1,8 @@
-//! What Slurm's commands answer, read into types.
+//! Parsers for the answers of Slurm's commands.
 //!
-//! Robust to banners, cluster suffixes and cut output: a table is believed only below its header, a row only with all
-//! its columns and its end; what cannot be read is handed back as such. Nothing is made up for it.
+//! They tolerate banners, cluster suffixes and cut output: a table is accepted only below its
+//! header, and a row only with all its columns and its end. Lines that cannot be read are returned
+//! as such, and no value is made up for them.
 
 pub mod accounting;
 pub mod config;
@@ -9,53 +10,53 @@ pub mod qos;
 pub mod queue;
 pub mod submit;
 
-/// How a command ended.
+/// End of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exit {
-    /// By itself, with this code.
+    /// The command exited with this code.
     Code(i32),
-    /// Killed by this signal.
+    /// This signal killed the command.
     Signal(i32),
-    /// We stopped waiting for it.
+    /// The command exceeded its time limit.
     TimedOut,
 }
 
-/// What a command left.
+/// Output of a command.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Output {
-    /// How it ended.
+    /// End of the command.
     pub exit: Exit,
-    /// Its standard output, invalid UTF-8 replaced.
+    /// Standard output, with invalid UTF-8 replaced.
     pub stdout: String,
-    /// Its standard error, invalid UTF-8 replaced.
+    /// Standard error, with invalid UTF-8 replaced.
     pub stderr: String,
 }
 
-/// Why an output is no answer: the world is unknown, not empty.
+/// Reason why an output is no answer. The state of the jobs is then unknown, not empty.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoAnswer {
     /// The command failed.
     #[error("{command} failed ({}): {said}", ended(*.exit))]
     Failed {
-        /// Which.
+        /// Name of the command.
         command: &'static str,
-        /// How it ended.
+        /// End of the command.
         exit: Exit,
-        /// First line that it said on standard error.
+        /// First line of standard error.
         said: String,
     },
-    /// It ended well but printed no header of ours.
+    /// The command succeeded but did not print the expected header.
     #[error("{command} printed something else than the table that was asked for: '{found}'")]
     NoHeader {
-        /// Which.
+        /// Name of the command.
         command: &'static str,
-        /// First line that it printed.
+        /// First line of standard output.
         found: String,
     },
 }
 
 impl NoAnswer {
-    /// Whether `sacct` says that there is no accounting at all.
+    /// Whether `sacct` reports that there is no accounting at all.
     #[must_use]
     pub fn says_no_accounting(&self) -> bool {
         matches!(self, Self::Failed { said, .. } if said.contains("accounting storage is disabled"))
@@ -70,26 +71,26 @@ fn ended(exit: Exit) -> String {
     }
 }
 
-/// Rows of a table, and the lines below its header that are no rows.
+/// Rows of a table, and the lines below its header that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table<Row> {
-    /// Rows that could be read whole.
+    /// Rows that were read as a whole.
     pub rows: Vec<Row>,
-    /// Lines that begin like a row but cannot be read: what they speak of is unknown.
+    /// Lines that could not be read. The state of the jobs in them is unknown.
     pub unreadable: Vec<String>,
 }
 
 impl<Row> Table<Row> {
-    /// Whether every row could be read. Only then may a count of rows be taken for a count of jobs.
+    /// Whether every row was read. Only then may a count of rows be taken for a count of jobs.
     #[must_use]
     pub fn is_whole(&self) -> bool {
         self.unreadable.is_empty()
     }
 }
 
-/// Reads a table whose columns are separated by `|`, whose rows end with `end`, and whose last column may hold `|`.
-/// A line without its newline was cut: a cut header is none, and what a cut row spoke of is unknown, because a `|` in
-/// its last column looks like its end.
+/// Reads a table with columns separated by `|`, rows that end with `end`, and a last column that
+/// may contain `|`. A line without its newline was cut. A cut header does not count as one, and a
+/// cut row is unreadable, because a `|` in its last column looks like its end.
 fn table<Row>(
     command: &'static str,
     output: &Output,
@@ -178,7 +179,7 @@ pub(crate) mod recorded {
         }
     }
 
-    /// Names of all recorded answers that begin so.
+    /// Names of all recorded answers that begin with `start`.
     pub fn names(start: &str) -> Vec<String> {
         let folder = format!("{}/tests/recorded", env!("CARGO_MANIFEST_DIR"));
         let mut names = std::fs::read_dir(&folder)

@@ -1,74 +1,75 @@
-//! What `sacctmgr show qos` and `show assoc` answer: the limits that bind.
+//! Answers of `sacctmgr show qos` and `show assoc`: limits of QoS and associations.
 
 use super::{NoAnswer, Output, Table};
 use crate::job::number;
 use crate::walltime::{self, Limit};
 
-/// Columns asked for.
+/// Requested columns of QoS.
 pub const COLUMNS: &str =
     "Name,Flags,MaxWall,MaxSubmitPU,MaxJobsPU,MaxTRES,MinTRES,MaxTRESPU,GrpTRES,UsageFactor";
 const HEADER: &str =
     "Name|Flags|MaxWall|MaxSubmitPU|MaxJobsPU|MaxTRES|MinTRES|MaxTRESPU|GrpTRES|UsageFactor|";
-/// Columns asked for of associations.
+/// Requested columns of associations.
 pub const ASSOCIATION_COLUMNS: &str = "Cluster,Account,Partition,QOS,DefaultQOS,MaxSubmit,MaxJobs";
 const ASSOCIATION_HEADER: &str = "Cluster|Account|Partition|QOS|Def QOS|MaxSubmit|MaxJobs|";
 
-/// Amounts of what Slurm counts; what is not named is not limited.
+/// Limits on resources; `None` means no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Amounts {
-    /// Nodes.
+    /// Number of nodes.
     pub nodes: Option<u32>,
-    /// Cores.
+    /// Number of cores.
     pub cores: Option<u32>,
     /// Memory, MiB.
     pub memory_mib: Option<u64>,
 }
 
-/// A quality of service and its limits; `None` is no limit of its own.
+/// A QoS and its limits; `None` means that the QoS has no such limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QosRow {
-    /// Name.
+    /// Name of the QoS.
     pub name: String,
-    /// Whether a demand beyond a limit is refused at once, rather than left to wait for ever.
+    /// Whether a job that exceeds a limit is refused at once instead of waiting for ever.
     pub denies_on_limit: bool,
     /// Longest walltime of a job, s.
     pub walltime_s: Option<u64>,
-    /// Jobs of a user that may be queued or running.
+    /// Largest number of a user's jobs that are queued or running.
     pub max_queued: Option<u32>,
-    /// Jobs of a user that may run.
+    /// Largest number of a user's running jobs.
     pub max_running: Option<u32>,
-    /// At most, of one job.
+    /// Largest resources of one job.
     pub of_a_job: Amounts,
-    /// At least, of one job.
+    /// Smallest resources of one job.
     pub least_of_a_job: Amounts,
-    /// At most, of all running jobs of a user.
+    /// Largest resources of all running jobs of a user.
     pub of_a_user: Amounts,
-    /// At most, of all running jobs in this QoS.
+    /// Largest resources of all running jobs in this QoS.
     pub of_all: Amounts,
-    /// Factor on what is charged; 0 is free.
+    /// Factor on the charge; 0 means free.
     pub usage_factor: Option<f64>,
 }
 
-/// What a user may charge and use.
+/// An association of a user with an account.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AssociationRow {
-    /// Cluster.
+    /// Name of the cluster.
     pub cluster: String,
-    /// Account.
+    /// Name of the account.
     pub account: String,
-    /// Partition, where it is of one only.
+    /// Name of the partition; `None` if the association holds in all of them.
     pub partition: Option<String>,
     /// Allowed QoS.
     pub qos: Vec<String>,
-    /// QoS of jobs that name none.
+    /// QoS of jobs that do not name one.
     pub default_qos: Option<String>,
-    /// Jobs of this user and account that may be queued or running.
+    /// Largest number of jobs of this user and account that are queued or running.
     pub max_queued: Option<u32>,
-    /// Jobs of this user and account that may run.
+    /// Largest number of running jobs of this user and account.
     pub max_running: Option<u32>,
 }
 
-/// Nothing is `Some(None)`, a number `Some(Some(n))`, anything else `None`: the row is unreadable.
+/// `Some(None)` for an empty cell, `Some(Some(value))` for a readable one, and `None` for any
+/// other, which makes the row unreadable.
 fn optional<T>(text: &str, read: impl Fn(&str) -> Option<T>) -> Option<Option<T>> {
     if text.is_empty() {
         Some(None)
@@ -85,13 +86,13 @@ fn amounts(text: &str) -> Option<Amounts> {
             "node" => amounts.nodes = Some(number(how_much)?),
             "cpu" => amounts.cores = Some(number(how_much)?),
             "mem" => amounts.memory_mib = Some(mebibytes(how_much)?),
-            _ => {} // gres/gpu and others, which nothing here asks for
+            _ => {} // gres/gpu and others, which are never requested here
         }
     }
     Some(amounts)
 }
 
-/// `128G` and its like; a number without a unit is MiB.
+/// Reads a size such as `128G` in MiB. A number without a unit is in MiB.
 fn mebibytes(text: &str) -> Option<u64> {
     let (digits, factor) = match text.strip_suffix(['M', 'G', 'T', 'P']) {
         Some(digits) => (
@@ -108,7 +109,8 @@ fn mebibytes(text: &str) -> Option<u64> {
     let (whole, fraction) = digits.split_once('.').unwrap_or((digits, "0"));
     let whole = number::<u64>(whole)?.checked_mul(factor)?;
     number::<u64>(fraction)?;
-    // 1.50T is shown rounded: taken down, so that a limit is never passed.
+    // Slurm rounds `1.50T` for display. The fraction is rounded down so that the limit is never
+    // exceeded.
     let fraction = format!("0.{fraction}").parse::<f64>().ok()?;
     whole.checked_add((fraction * factor as f64) as u64)
 }
@@ -116,7 +118,7 @@ fn mebibytes(text: &str) -> Option<u64> {
 /// Reads the answer to [`crate::commands::qos`].
 ///
 /// # Errors
-/// [`NoAnswer`] where there is no accounting, or something else was printed.
+/// [`NoAnswer`] if there is no accounting or the output is not the requested table.
 pub fn read(output: &Output) -> Result<Table<QosRow>, NoAnswer> {
     super::table("sacctmgr show qos", output, HEADER, "", "|", |cells| {
         let [

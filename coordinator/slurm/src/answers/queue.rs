@@ -1,55 +1,57 @@
-//! What `squeue` answers: one row for each job of the user, elements of arrays one by one.
+//! Answers of `squeue`: one row per job of the user, and one per element of an array.
 
 use super::{NoAnswer, Output, Table};
 use crate::job::{JobId, number};
 use crate::state::SlurmState;
 use crate::walltime::{self, Limit};
 
-/// The format asked for: a mark at both ends of a row, the name, which may hold anything, last.
+/// Requested format: a mark at both ends of a row, and the name last because it may contain any
+/// character.
 pub const FORMAT: &str = "ctq|%F|%K|%A|%T|%r|%P|%q|%a|%D|%C|%N|%V|%S|%e|%l|%j|ctq.";
-/// The header that this format gets.
+/// Header that squeue prints for [`FORMAT`].
 pub const HEADER: &str = "ctq|ARRAY_JOB_ID|ARRAY_TASK_ID|JOBID|STATE|REASON|PARTITION|QOS|ACCOUNT|NODES|CPUS|NODELIST|\
                           SUBMIT_TIME|START_TIME|END_TIME|TIME_LIMIT|NAME|ctq.";
 
-/// A job in the queue, or one that ended a short while ago (`MinJobAge`).
+/// A job in the queue, or one that ended less than `MinJobAge` ago.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct QueueRow {
-    /// The job.
+    /// Number of the job, with the index of an array's element.
     pub id: JobId,
-    /// Its own number, for an element of an array another one than the array's.
+    /// Number of the job itself, which for an element differs from the array's number.
     pub raw: u64,
-    /// Its name.
+    /// Name of the job.
     pub name: String,
-    /// Its state.
+    /// State of the job.
     pub state: SlurmState,
-    /// Why it waits, in Slurm's word.
+    /// Reason for which the job waits, as Slurm's code.
     pub reason: String,
-    /// Partition.
+    /// Name of the partition.
     pub partition: String,
-    /// Quality of service.
+    /// Name of the QoS.
     pub qos: String,
-    /// Account.
+    /// Name of the account.
     pub account: String,
-    /// Nodes asked for or given.
+    /// Number of requested or assigned nodes.
     pub n_nodes: Option<u32>,
-    /// Cores asked for or given.
+    /// Number of requested or assigned cores.
     pub n_cores: Option<u32>,
-    /// Names of its nodes, compressed (`n[1-3]`); empty before it starts.
+    /// Names of the nodes in Slurm's compressed notation (`n[1-3]`); empty before the start.
     pub nodes: String,
-    /// When it was submitted, seconds since 1970.
+    /// Time of submission, seconds since 1970.
     pub submitted: Option<i64>,
-    /// When it started, or is expected to, seconds since 1970.
+    /// Actual or expected start, seconds since 1970.
     pub start: Option<i64>,
-    /// When it ended, or will end at the latest, seconds since 1970.
+    /// Actual or latest end, seconds since 1970.
     pub end: Option<i64>,
-    /// Its walltime.
+    /// Walltime of the job.
     pub limit: Option<Limit>,
 }
 
 /// Reads the answer to [`crate::commands::queue`].
 ///
 /// # Errors
-/// [`NoAnswer`] where squeue failed or printed something else: the queue is unknown then, not empty.
+/// [`NoAnswer`] if squeue failed or the output is not the requested table: the queue is then
+/// unknown, not empty.
 pub fn read(output: &Output) -> Result<Table<QueueRow>, NoAnswer> {
     super::table("squeue", output, HEADER, "ctq|", "|ctq.", |cells| {
         let [
@@ -187,7 +189,7 @@ mod tests {
         }
     }
 
-    /// Wherever a real answer is cut, the rows that are read are rows of the whole answer, and no more.
+    /// Wherever a real answer is cut, every row that is read is also a row of the whole answer.
     #[test]
     fn a_cut_answer_tells_less_and_nothing_else() {
         let whole = recorded::output("squeue-mixed");
@@ -209,7 +211,7 @@ mod tests {
             }
         }
 
-        /// A byte changed anywhere may hide a row or change a cell, and never adds a row.
+        /// A changed byte may hide a row or change a cell, but never adds a row.
         #[test]
         fn a_damaged_answer_adds_nothing(at in 0_usize..6000, byte in 32_u8..127) {
             let whole = recorded::output("squeue-mixed");

@@ -1,57 +1,61 @@
-//! What `sbatch --parsable` answers: accepted, refused, or doubtful.
+//! Answers of `sbatch --parsable`: accepted, refused, or doubtful.
 //!
-//! A doubtful answer is no failure: `sbatch` that timed out may have submitted. Its job's name is looked up, and adopted
-//! where it is found. A refusal is believed only in the words of the controller or of sbatch's own check.
+//! A doubtful answer is not a failure, because an `sbatch` that timed out may have submitted. The
+//! job is looked up by its name and adopted if it is found. A refusal is accepted only in the words
+//! of the controller or of sbatch's own checks.
 
 use super::{Exit, Output, first_line};
 use crate::job::{JobId, number};
 use crate::reason::{self, WaitsFor};
 
-/// What became of a submission.
+/// Result of a submission.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Submission {
-    /// Slurm has it under this number (of the array, for an array).
+    /// Slurm accepted the job under this number (of the array, for an array).
     Accepted {
-        /// The number.
+        /// Number of the job.
         job: JobId,
-        /// The cluster that sbatch named, in a federation.
+        /// Cluster that sbatch named, in a federation.
         cluster: Option<String>,
     },
-    /// Slurm does not have it, and why. A memory or node demand that no node meets may all the same leave a row of that
-    /// name that ended as FAILED with reason BadConstraints: it never ran.
+    /// Slurm refused the job for this reason. A demand for memory or nodes that no node meets may
+    /// leave a row with the job's name in state FAILED and reason BadConstraints, although the job
+    /// never ran.
     Refused(Refusal),
-    /// Slurm may have it: look the name up before anything else.
+    /// Slurm may have accepted the job: its name must be looked up before anything else.
     Doubtful {
-        /// What was seen.
+        /// Description of the answer.
         why: String,
     },
 }
 
-/// A refusal in Slurm's words, and what it means for the next try.
+/// A refusal in Slurm's words, with its consequence for the next attempt.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
-    /// What it means.
+    /// Consequence for the next attempt.
     pub kind: RefusalKind,
-    /// What Slurm said, its detail first.
+    /// Message of Slurm, with the detail first.
     pub said: String,
 }
 
-/// What a refusal means for the next try.
+/// Consequence of a refusal for the next attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RefusalKind {
-    /// A limit on all of the user's or account's jobs: passes once others have ended.
+    /// A limit on all jobs of the user or account is reached. It passes once other jobs have ended.
     Limit,
-    /// A policy that Slurm did not name: as a limit, but told to a person sooner.
+    /// Slurm refers to a policy without naming it. It is treated as a limit, but reported to a
+    /// person sooner.
     UnnamedPolicy,
-    /// The controller takes no job at present.
+    /// The controller accepts no jobs at present.
     Busy,
-    /// A budget that is spent, an account that is closed: a person has to act.
+    /// A budget is spent or an account closed, so a person has to act.
     Person,
-    /// The demand can never be met as it is: never tried again as it is.
+    /// The demand can never be met, so the same job is never submitted again.
     Impossible,
 }
 
-/// Reasons behind "Batch job submission failed:", with what they mean. Others are doubtful.
+/// Messages after "Batch job submission failed:", with their consequences. Any other message is
+/// doubtful.
 const FAILURES: &[(&str, RefusalKind)] = {
     use RefusalKind::{Busy, Impossible, Person};
     &[
@@ -86,7 +90,7 @@ const FAILURES: &[(&str, RefusalKind)] = {
     ]
 };
 
-/// Reads what `sbatch --parsable` left.
+/// Reads the answer to [`crate::commands::submit`].
 #[must_use]
 pub fn read(output: &Output) -> Submission {
     match output.exit {
@@ -101,10 +105,10 @@ pub fn read(output: &Output) -> Submission {
     }
 }
 
-/// `12`, or `12;cluster`, alone on its line. Two such lines of different jobs are none.
+/// Reads `12` or `12;cluster`, alone on its line. Lines with different jobs are doubtful.
 fn accepted(stdout: &str) -> Submission {
     let mut found = Vec::new();
-    // Only whole lines: a cut number is another number.
+    // Only whole lines count, because a cut number is a different number.
     for line in stdout
         .split_inclusive('\n')
         .filter_map(|line| line.strip_suffix('\n'))
@@ -143,7 +147,7 @@ fn failed(code: i32, stderr: &str) -> Submission {
             .lines()
             .find_map(|line| line.split_once(wanted).map(|(_, rest)| rest.trim()))
     };
-    // Of a --test-only the last words are "allocation failure: …".
+    // With `--test-only` the message is "allocation failure: …".
     let last = said("Batch job submission failed: ").or_else(|| said("allocation failure: "));
     if let Some(last) = last {
         let mut details = stderr
@@ -166,7 +170,7 @@ fn failed(code: i32, stderr: &str) -> Submission {
         }
         return Submission::Doubtful { why: said };
     }
-    // sbatch's own checks, before it spoke to the controller.
+    // Messages of sbatch's own checks, which precede its contact with the controller.
     for own in [
         "unrecognized option",
         "invalid option",

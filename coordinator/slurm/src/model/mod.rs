@@ -1,10 +1,10 @@
-//! A model of Slurm, for tests: deterministic, without processes or clock, and faulty on demand.
+//! A model of Slurm for tests: deterministic, without processes or clock, and faulty on demand.
 //!
-//! It speaks as the real one does (`tests/recorded`), so that a test goes through the same commands, parsers and
-//! decisions. It knows what was observed of a real Slurm 22.05: an sbatch that fails may have submitted; a controller
-//! that is killed loses its youngest jobs, hands their numbers out again and runs others twice; a lost node says
-//! nothing about the process on it; the database lags, and never hears of jobs that were cancelled before they could
-//! start.
+//! Its answers have the format of the real ones (`tests/recorded`), so that a test exercises the
+//! same commands, parsers and decisions. It behaves as observed in a real Slurm 22.05: an sbatch
+//! that fails may have submitted; a controller that is killed loses its youngest jobs, hands out
+//! their numbers again and runs other jobs twice; a lost node says nothing about the process on it;
+//! the database lags, and never lists jobs that were cancelled before they could start.
 
 mod script;
 mod speech;
@@ -15,46 +15,46 @@ use std::collections::BTreeMap;
 
 use crate::state::{Bearing, SlurmState};
 
-/// How a job's processes behave.
+/// Behaviour of a job's processes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behaviour {
-    /// How long they take, s.
+    /// Duration, s.
     pub seconds: i64,
-    /// Their exit code.
+    /// Exit code.
     pub code: u8,
-    /// The signal that ends them, 0 for none; 125 is out of memory.
+    /// Signal that ends them, or 0 for none; 125 stands for out of memory.
     pub signal: u8,
 }
 
-/// Limits of a QoS on a user's jobs.
+/// Limits of a QoS on a user's jobs; `None` means no limit.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Limits {
-    /// Queued or running.
+    /// Largest number of jobs that are queued or running.
     pub max_queued: Option<u32>,
-    /// Running.
+    /// Largest number of running jobs.
     pub max_running: Option<u32>,
-    /// Nodes of a job.
+    /// Largest number of nodes of a job.
     pub max_nodes_per_job: Option<u32>,
-    /// Walltime of a job, s.
+    /// Longest walltime of a job, s.
     pub walltime_s: Option<u64>,
 }
 
-/// What is set up.
+/// Configuration of the modelled cluster.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
-    /// Nodes, `n1` to `n<N>`, each for one job at a time.
+    /// Number of nodes, named `n1` to `n<N>`, each for one job at a time.
     pub n_nodes: u32,
-    /// Limits by the QoS's name; a QoS that is not here does not exist.
+    /// Limits by the name of the QoS. A QoS that is not listed does not exist.
     pub qos: BTreeMap<String, Limits>,
-    /// How long the queue shows a job that has ended, s.
+    /// Time for which the queue shows an ended job, s.
     pub min_job_age_s: i64,
-    /// How late the database learns of a change, s.
+    /// Delay after which the database shows a change, s.
     pub accounting_lag_s: i64,
-    /// Whether there is a database.
+    /// Whether the cluster has a database.
     pub has_accounting: bool,
-    /// Most elements of an array.
+    /// Largest number of elements of an array.
     pub max_array_size: u32,
-    /// How processes behave that are not in [`Model::behaviours`].
+    /// Behaviour of processes whose jobs are not in [`Model::behaviours`].
     pub behaviour: Behaviour,
 }
 
@@ -78,37 +78,37 @@ impl Default for Settings {
     }
 }
 
-/// What goes wrong with one command. Its effect on the world is had, unless the fault says otherwise.
+/// Fault of a single command. The command takes effect unless the fault says otherwise.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
-    /// The effect is had, the answer is "Socket timed out".
+    /// The command took effect, but its answer is "Socket timed out".
     TimeoutAfter,
-    /// Nothing is had, the answer is "Socket timed out".
+    /// The command had no effect, and its answer is "Socket timed out".
     TimeoutBefore,
-    /// The effect is had, the caller is told nothing: it was killed.
+    /// The command took effect, but its answer was lost because the process was killed.
     KilledAfter,
-    /// The effect is had, the answer is this.
+    /// The command took effect, but its answer is replaced by this text.
     Garbage(String),
-    /// The effect is had, the answer stops after so many bytes.
+    /// The command took effect, but its answer stops after this number of bytes.
     Cut(usize),
-    /// The answer comes below a banner.
+    /// The answer is preceded by this banner.
     Banner(String),
-    /// No controller, no database.
+    /// Neither the controller nor the database answers.
     Down,
 }
 
-/// A stretch of a job's processes, whatever Slurm believes of it.
+/// A run of a job's processes, regardless of the state that Slurm shows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Run {
     /// Name of the job.
     pub name: String,
-    /// Element of the array.
+    /// Element of the array; `None` for a single job.
     pub element: Option<u32>,
-    /// When the processes began, s.
+    /// Time at which the processes began, s.
     pub began: i64,
-    /// When they ended by themselves or were killed, s; not while they live.
+    /// Time at which they ended or were killed, s; `None` while they live.
     pub ended: Option<i64>,
-    /// Whether they came to their own end.
+    /// Whether they ended by themselves with exit code 0.
     pub completed: bool,
 }
 
@@ -129,20 +129,20 @@ struct Job {
     run: Option<usize>,
 }
 
-/// The model. Times are seconds since 1970.
+/// The modelled cluster. Times are seconds since 1970.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Model {
     settings: Settings,
-    /// How processes behave, by the job's name.
+    /// Behaviour of processes, by the name of the job.
     pub behaviours: BTreeMap<String, Behaviour>,
     now: i64,
     next_number: u64,
     jobs: Vec<Job>,
     runs: Vec<Run>,
     down: Vec<u32>,
-    /// Numbers of jobs that the controller forgot, and what runs of them.
+    /// Numbers of the jobs that the controller forgot, with the indices of their runs.
     forgotten: Vec<(u64, usize)>,
-    /// What the database was told: when, and the job as it was.
+    /// Reports to the database: the time, and a copy of the job.
     told: Vec<(i64, Job)>,
 }
 
@@ -163,19 +163,19 @@ impl Model {
         }
     }
 
-    /// The time.
+    /// Present time, seconds since 1970.
     #[must_use]
     pub fn now(&self) -> i64 {
         self.now
     }
 
-    /// All that ever ran, and what runs: the truth that a client cannot see.
+    /// All past and present runs: the truth that a client cannot see.
     #[must_use]
     pub fn runs(&self) -> &[Run] {
         &self.runs
     }
 
-    /// Lets time pass, second by second.
+    /// Lets time pass in steps of a second.
     pub fn advance(&mut self, seconds: i64) {
         for _ in 0..seconds {
             self.now += 1;
@@ -196,7 +196,7 @@ impl Model {
 
     fn end_what_is_due(&mut self) {
         let now = self.now;
-        // Processes end by themselves, known to Slurm or not.
+        // Processes end by themselves, whether Slurm knows them or not.
         for run in 0..self.runs.len() {
             let behaviour = self.behaviour(&self.runs[run].name);
             if self.runs[run].ended.is_none() && now >= self.runs[run].began + behaviour.seconds {
@@ -218,7 +218,8 @@ impl Model {
                     (0, 0) => (SlurmState::Completed, "None"),
                     (_, 125) => (SlurmState::OutOfMemory, "OutOfMemory"),
                     (_, 0) => (SlurmState::Failed, "NonZeroExitCode"),
-                    _ => (SlurmState::Failed, "JobLaunchFailure"), // what squeue says of a killed script
+                    // squeue's reason for a killed script.
+                    _ => (SlurmState::Failed, "JobLaunchFailure"),
                 };
                 self.end(i, state, reason, (code, signal));
             } else if now - start >= i64::try_from(job.request.walltime_s).unwrap_or(i64::MAX) {
@@ -281,7 +282,8 @@ impl Model {
                 *number == self.jobs[i].number && self.runs[*run].ended.is_none()
             };
             if self.forgotten.iter().any(of_same_number) {
-                // Its node has a job of this number: cancelled as it starts, in the name of the controller's user.
+                // A forgotten job of this number still runs on the node: the new one is cancelled
+                // as it starts, in the name of the controller's user.
                 let (job, now) = (&mut self.jobs[i], self.now);
                 (job.state, job.nodes, job.cancelled) = (SlurmState::Cancelled, free, true);
                 (job.start, job.end) = (Some(now), Some(now));
@@ -314,7 +316,7 @@ impl Model {
         let job = &mut self.jobs[i];
         (job.state, job.end, job.code, job.signal) = (state, Some(now), code, signal);
         reason.clone_into(&mut job.reason);
-        // A job that was cancelled before it could start is never in the database.
+        // A held job that was cancelled is never in the database.
         if !(job.start.is_none() && job.request.held) {
             self.tell(i);
         }
@@ -336,8 +338,8 @@ impl Model {
         self.end(i, SlurmState::Cancelled, &reason, (0, 0));
     }
 
-    /// A node is lost to Slurm. Its jobs end as NODE_FAIL, or are queued again under the same number; their processes
-    /// live on.
+    /// Takes a node away from Slurm. Its jobs end as NODE_FAIL, or are queued again under the same
+    /// number. Their processes live on.
     pub fn lose_node(&mut self, node: u32) {
         self.down.push(node);
         for i in 0..self.jobs.len() {
@@ -357,14 +359,15 @@ impl Model {
         }
     }
 
-    /// The node is back, and kills what of lost jobs lives.
+    /// Gives a node back to Slurm.
     pub fn return_node(&mut self, node: u32) {
         self.down.retain(|down| *down != node);
     }
 
-    /// The controller is killed and comes back with what it had saved: of jobs submitted in the last five seconds it
-    /// knows nothing, hands their numbers out again, and kills none of their processes: a job that is given the number of
-    /// one that still runs is cancelled as it starts. Jobs that began in them are queued once more.
+    /// Kills the controller and restarts it with its saved state. It does not know the jobs of the
+    /// last five seconds, hands out their numbers again, and kills none of their processes: a new
+    /// job with the number of one that still runs is cancelled as it starts. Older jobs that began
+    /// in these five seconds are queued once more.
     pub fn crash_controller(&mut self) {
         let saved = self.now - 5;
         let lost = self.jobs.iter().filter(|job| job.submitted >= saved);
@@ -375,14 +378,15 @@ impl Model {
         for job in &mut self.jobs {
             if job.state == SlurmState::Running && job.start.is_some_and(|start| start >= saved) {
                 if let Some(run) = job.run.take() {
-                    self.runs[run].ended.get_or_insert(self.now); // killed as an orphan when its node registers
+                    // Killed as an orphan when its node registers again.
+                    self.runs[run].ended.get_or_insert(self.now);
                 }
                 (job.state, job.start, job.nodes) = (SlurmState::Pending, None, Vec::new());
             }
         }
     }
 
-    /// A running job makes room for another.
+    /// Preempts the running jobs of this name.
     pub fn preempt(&mut self, name: &str) {
         for i in 0..self.jobs.len() {
             if self.jobs[i].request.name == name && self.jobs[i].state == SlurmState::Running {

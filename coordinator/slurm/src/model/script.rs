@@ -1,9 +1,9 @@
-//! What a batch script asks for: the `#SBATCH` lines that [`crate::script`] writes.
+//! Parser of the `#SBATCH` lines that [`crate::script`] writes.
 
 use crate::job::number;
 use crate::walltime::{self, Limit};
 
-/// A demand.
+/// Resources and options that a script requests.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Request {
     pub name: String,
@@ -12,7 +12,7 @@ pub(super) struct Request {
     pub qos: String,
     pub n_nodes: u32,
     pub walltime_s: u64,
-    /// Elements of an array.
+    /// Number of elements of the array; `None` for a single job.
     pub array: Option<u32>,
     pub at_once: Option<u32>,
     pub exclude: Vec<String>,
@@ -21,7 +21,7 @@ pub(super) struct Request {
 }
 
 impl Request {
-    /// Reads a script; `Err` is what sbatch says of it.
+    /// Reads a script. `Err` is the message of sbatch.
     pub fn read(text: &str) -> Result<Self, String> {
         let mut request = Self {
             name: "script".to_owned(),

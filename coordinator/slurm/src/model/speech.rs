@@ -1,4 +1,4 @@
-//! What the model says, in the words of the real Slurm.
+//! Answers of the model, in the words of the real Slurm.
 
 use super::{Fault, Job, Model, script::Request};
 use crate::answers::{Exit, Output, accounting, queue};
@@ -33,7 +33,8 @@ const POLICY: &str =
     "Job violates accounting/QOS policy (job submit limit, user's size and/or time limits)";
 
 impl Model {
-    /// Runs one of [`crate::commands`]. `file` gives a script's text by its path. A fault is of this command only.
+    /// Runs one of [`crate::commands`]. `file` returns a script's text by its path. A fault applies
+    /// to this command only.
     pub fn answer(
         &mut self,
         command: &Command,
@@ -220,7 +221,7 @@ impl Model {
             let (array, element) = job
                 .array
                 .map_or((job.number, "N/A".to_owned()), |(a, e)| (a, e.to_string()));
-            // Of a job that was cancelled before it began the end stands for the start.
+            // For a job that was cancelled before it began, the end also appears as the start.
             let start = time(job.start.or(job.end));
             let end = time(
                 job.end
@@ -262,7 +263,7 @@ impl Model {
         let since = option("--starttime=uts")
             .and_then(number::<i64>)
             .unwrap_or(0);
-        // The last word on each run of a job that has reached the database.
+        // The last report on each run that has reached the database.
         let mut rows = Vec::<&Job>::new();
         for (when, job) in &self.told {
             if *when > self.now - self.settings.accounting_lag_s
@@ -318,7 +319,8 @@ impl Model {
     }
 }
 
-/// `n1,n3`: Slurm would write `n[1,3]`, which nothing here takes apart.
+/// Names of a job's nodes, such as `n1,n3`. Slurm would write `n[1,3]`, but no code here takes that
+/// apart.
 fn nodes(job: &Job) -> String {
     job.nodes
         .iter()

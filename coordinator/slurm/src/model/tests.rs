@@ -45,7 +45,7 @@ fn status_of(model: &mut Model, name: &str) -> JobStatus {
     )
 }
 
-/// The model refuses in the very words of the real one.
+/// The model refuses with the exact messages of the real Slurm.
 #[test]
 fn it_speaks_as_the_real_slurm_does() {
     let mut settings = Settings::default();
@@ -142,7 +142,7 @@ fn endings_reach_the_queue_at_once_and_the_database_later() {
     assert!(
         matches!(status_of(&mut model, "ct-long"), JobStatus::Ended(ended) if ended.state == SlurmState::Timeout)
     );
-    model.advance(1000); // the queue has forgotten both
+    model.advance(1000); // the queue has forgotten both jobs
     assert!(
         matches!(status_of(&mut model, "ct-long"), JobStatus::Ended(ended) if ended.state == SlurmState::Timeout)
     );
@@ -192,8 +192,9 @@ fn limits_hold_jobs_back_and_say_so() {
     assert_eq!(model.runs().len(), 3, "one of the QoS, two of the array");
 }
 
-/// A client that follows the rules: intent first, lookup after doubt, submission again only when a whole answer of the
-/// queue and of the database, both after a grace, do not know the name.
+/// A client that follows the rules: intent first, lookup after doubt, and another submission only
+/// when complete answers of the queue and of the database, both after a grace time, do not list the
+/// name.
 struct Client {
     name: String,
     doubtful_since: Option<i64>,
@@ -281,8 +282,9 @@ proptest! {
         }
     }
 
-    /// Time, cancellations, lost nodes and controllers in any order: what is alive or ended is what runs or does not,
-    /// but for what the real one gets wrong as well.
+    /// Time, cancellations, preemptions and crashes of the controller in any order: a job is shown
+    /// as alive or ended exactly if it runs or not, except for errors that the real Slurm makes as
+    /// well.
     #[test]
     fn what_the_answers_say_is_what_happens(events in proptest::collection::vec((0_u8..5, 0_u32..6, 0_i64..90), 1..40)) {
         let mut model = Model::new(Settings::default());

@@ -1,54 +1,54 @@
-//! 3D simulations into multi-node jobs.
+//! Packing of 3D simulations into multi-node jobs.
 
 use super::{
     Choices, InUse, PlanError, check, check_time, longest_work_s, nodes_for, room, unit, walltime_s,
 };
 use crate::site::{Queue, Site, Unit};
 
-/// A simulation to be run.
+/// A simulation to be packed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation {
-    /// Its task.
+    /// Identifier of its task.
     pub task: String,
-    /// Ranks; a core each.
+    /// Number of ranks, with one core each.
     pub ranks: u32,
-    /// How long it is expected to take, s.
+    /// Expected duration, s.
     pub predicted_s: f64,
-    /// Whether it leaves checkpoints: only then may it be longer than a job.
+    /// Whether it writes checkpoints. Only then may it be longer than a job.
     pub has_checkpoints: bool,
 }
 
-/// A place in a bundle, and the simulations that are expected to run there one after another. Which place takes which
-/// is decided when the job runs: a place that is free takes the next.
+/// A place in a bundle, and the simulations that are expected to run there in sequence. The actual
+/// assignment is made while the job runs: a free place takes the next simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lane {
-    /// Tasks, in order.
+    /// Tasks in their order.
     pub tasks: Vec<String>,
-    /// How long they take together, s.
+    /// Sum of their expected durations, s.
     pub predicted_s: f64,
 }
 
 /// A job of many simulations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bundle {
-    /// Nodes.
+    /// Number of nodes of the job.
     pub n_nodes: u32,
-    /// Nodes of each simulation.
+    /// Number of nodes of each simulation.
     pub nodes_per_step: u32,
-    /// Ranks of each simulation.
+    /// Number of ranks of each simulation.
     pub ranks: u32,
-    /// Its places.
+    /// Places of the bundle.
     pub lanes: Vec<Lane>,
     /// Walltime, s.
     pub walltime_s: u64,
-    /// Whether it is of this wave; others are submitted once jobs have ended.
+    /// Whether it belongs to this wave. Other jobs are submitted once earlier ones have ended.
     pub now: bool,
-    /// Node-hours that are expected: all nodes are charged until the last simulation ends.
+    /// Expected node-hours. All nodes are charged until the last simulation ends.
     pub node_hours: f64,
 }
 
 impl Bundle {
-    /// How long its fullest place works, s.
+    /// Expected duration of its fullest place, s.
     #[must_use]
     pub fn predicted_s(&self) -> f64 {
         self.lanes
@@ -57,7 +57,8 @@ impl Bundle {
             .fold(0.0, f64::max)
     }
 
-    /// Its tasks in the order in which they are to be taken: the first of every place, then the second, and so on.
+    /// Tasks in the order in which they are to be taken: the first of every place, then the second,
+    /// and so on.
     #[must_use]
     pub fn order(&self) -> Vec<&str> {
         let longest = self
@@ -76,11 +77,12 @@ impl Bundle {
     }
 }
 
-/// Bundles of all simulations: longest first, each into the place that is free first, so that the places of a bundle
-/// end together; as many bundles side by side as the queue runs at once.
+/// Packs all simulations, longest first, each into the place that becomes free first, so that the
+/// places of a bundle end together. As many bundles are side by side as the queue runs at once.
 ///
 /// # Errors
-/// [`PlanError`] where a simulation fits into no job of the queue.
+/// [`PlanError`] if a simulation fits into no job of the queue, or a duration is not a positive
+/// number.
 pub fn bundles(
     simulations: &[Simulation],
     site: &Site,
@@ -151,7 +153,8 @@ fn of_one_size(
             return Err(not(needs, format!("{longest_s:.0} s of work")));
         }
     }
-    // Where single cores are given, a bundle of them would only wait for the last: one simulation, one job.
+    // On a queue that gives single cores, a bundle would only wait for its last simulation, so each
+    // simulation gets a job of its own.
     let bundle_nodes = match unit(site, queue) {
         Unit::Core => nodes_per_step,
         Unit::Node => choices
@@ -162,7 +165,8 @@ fn of_one_size(
     };
     let places_of_a_bundle = (bundle_nodes / nodes_per_step).max(1);
     let n = simulations.len();
-    // Places side by side: no more than the queue runs at once, and at least one, for when there is room again.
+    // Number of places side by side: no more than the queue runs at once, but at least one, for the
+    // time when there is room again.
     let side_by_side = (running.max(1).saturating_mul(places_of_a_bundle))
         .min(nodes / nodes_per_step)
         .max(1);
@@ -176,7 +180,8 @@ fn of_one_size(
     });
     let (mut rounds, mut lanes) = (Vec::new(), Vec::<Lane>::new());
     for simulation in order {
-        // What is longer than a job is cut by its walltime and goes on from its checkpoint in a job after it.
+        // A simulation that is longer than a job is cut by the walltime and continues from its
+        // checkpoint in a later job.
         let takes_s = simulation.predicted_s.min(longest_s);
         let n_lanes = lanes.len();
         let least = lanes
@@ -189,7 +194,8 @@ fn of_one_size(
                 continue;
             }
             None if n_lanes == places => {
-                // Every place is full for the length of a job: these are jobs, and further ones begin.
+                // Every place is full for the length of a job: close these jobs and begin further
+                // ones.
                 rounds.push(std::mem::take(&mut lanes));
             }
             _ => {}
@@ -203,7 +209,7 @@ fn of_one_size(
 
     let mut plan = Vec::new();
     for mut lanes in rounds {
-        // Places of like length share a job, so that few of its nodes idle at its end.
+        // Places of similar length share a job, so that few of its nodes idle at its end.
         lanes.sort_by(|a, b| b.predicted_s.total_cmp(&a.predicted_s));
         for lanes in lanes.chunks(places_of_a_bundle as usize) {
             let n_nodes =

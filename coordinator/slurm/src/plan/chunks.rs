@@ -1,57 +1,58 @@
-//! 0D work into chunks: one step on a node, or a core, that runs its samples in one process.
+//! Packing of 0D work into chunks: one step on a node, or on a core, which runs its samples in one
+//! process.
 
 use std::ops::Range;
 
 use super::{Choices, InUse, PlanError, check, check_time, longest_work_s, room, unit, walltime_s};
 use crate::site::{Queue, Site, Unit};
 
-/// Samples to be computed, in blocks that are not to be parted: a complete block of Saltelli's design makes valid
-/// indices, a part of one makes none.
+/// Samples to compute, in blocks that must not be split: only a complete block of Saltelli's design
+/// gives valid indices.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sweep {
-    /// Blocks.
+    /// Number of blocks.
     pub n_blocks: u64,
-    /// Samples in each.
+    /// Number of samples in each block.
     pub samples_per_block: u64,
-    /// How long a sample takes on one core, s.
+    /// Duration of a sample on one core, s.
     pub s_per_sample: f64,
 }
 
-/// Chunks of a sweep: all of the same size but the last.
+/// Chunks of a sweep, all of the same size except the last.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chunks {
-    /// Blocks of a chunk.
+    /// Number of blocks in each chunk.
     pub blocks_per_chunk: u64,
-    /// Chunks.
+    /// Number of chunks.
     pub n_chunks: u64,
-    /// Cores of each.
+    /// Number of cores of each chunk.
     pub cores: u32,
     /// Walltime of each, s.
     pub walltime_s: u64,
-    /// How long a whole chunk is expected to take, s.
+    /// Expected duration of a full chunk, s.
     pub predicted_s: f64,
-    /// The jobs: arrays, or, where the site has none, jobs of one chunk.
+    /// Job arrays, or jobs of a single chunk on a site without arrays.
     pub arrays: Vec<ChunkArray>,
-    /// Node-hours that are expected.
+    /// Expected node-hours of all chunks.
     pub node_hours: f64,
     n_blocks: u64,
 }
 
-/// A job array, an element for each chunk; or a single job of one chunk.
+/// A job array with one element per chunk, or a single job of one chunk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ChunkArray {
-    /// Chunk of element 0.
+    /// Index of the chunk of element 0.
     pub first: u64,
-    /// Elements.
+    /// Number of elements.
     pub n: u32,
-    /// Elements at once.
+    /// Largest number of elements at once; `None` means no throttle.
     pub at_once: Option<u32>,
-    /// Whether it is of this wave; others are submitted once jobs have ended.
+    /// Whether it belongs to this wave. Other jobs are submitted once earlier ones have ended.
     pub now: bool,
 }
 
 impl Chunks {
-    /// Blocks of a chunk.
+    /// Range of the blocks in a chunk.
     #[must_use]
     pub fn blocks(&self, chunk: u64) -> Range<u64> {
         let first = chunk
@@ -64,11 +65,11 @@ impl Chunks {
     }
 }
 
-/// Chunks of a sweep: as long as [`Choices::good_length_s`], longer where the queue takes only few jobs or where a core of a
-/// node would be idle.
+/// Packs a sweep into chunks with a duration of [`Choices::good_length_s`], or longer if the queue
+/// takes only few jobs or a core of a node would be idle.
 ///
 /// # Errors
-/// [`PlanError`] where a block fits into no job of the queue.
+/// [`PlanError`] if a block fits into no job of the queue, or a duration is not a positive number.
 pub fn chunks(
     sweep: &Sweep,
     site: &Site,
@@ -105,7 +106,8 @@ pub fn chunks(
             limit: format!("{:.0} s of work", longest_work_s(queue, choices)),
         });
     }
-    // No core is left idle that is charged: at least a sample for each, however short a job is to be.
+    // No charged core is left idle: a chunk has at least one sample per core, however short its job
+    // becomes.
     let filled = u64::from(cores) / sweep.samples_per_block;
     let good = fit(choices.good_length_s as f64).max(filled).max(1);
     let fewest = sweep.n_blocks.div_ceil(u64::from(room.jobs.max(1)));
@@ -129,7 +131,7 @@ pub fn chunks(
     };
     let (mut arrays, mut first, mut jobs) = (Vec::new(), 0, room.jobs);
     while first < n_chunks {
-        // The last array of this wave ends where the queue's limit is reached.
+        // The last array of this wave ends at the queue's limit.
         let limit = if jobs > 0 { largest.min(jobs) } else { largest };
         let n = u32::try_from(n_chunks - first)
             .unwrap_or(u32::MAX)

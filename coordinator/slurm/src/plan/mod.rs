@@ -1,8 +1,8 @@
-//! Packing: which jobs a cohort becomes, what they cost, and when they are expected to end.
+//! Packing of a cohort into jobs, with their cost and expected end.
 //!
-//! A pure function of the work, the queue's limits and what the user already has in it. Every task is in exactly one
-//! job; no limit is passed by the jobs of one wave. What does not fit into this wave is planned for later ones, once
-//! jobs have ended.
+//! The plan is a pure function of the work, the queue's limits and the user's present jobs. Every
+//! task is in exactly one job, and the jobs of one wave exceed no limit. Work that does not fit
+//! into this wave is planned for later ones, once jobs have ended.
 
 mod bundles;
 mod chunks;
@@ -14,29 +14,29 @@ pub use schedule::{Finish, finish};
 
 use crate::site::{Node, Queue, Site, Unit};
 
-/// What of a user is in the queue already, ours or not: limits count it all.
+/// The user's present jobs in the queue, from this run or not, because limits count them all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct InUse {
-    /// Jobs queued or running.
+    /// Number of jobs that are queued or running.
     pub queued: u32,
-    /// Jobs running.
+    /// Number of running jobs.
     pub running: u32,
-    /// Nodes of running jobs.
+    /// Number of nodes of running jobs.
     pub nodes: u32,
-    /// Cores of running jobs.
+    /// Number of cores of running jobs.
     pub cores: u32,
 }
 
-/// Choices that are not the site's.
+/// Choices of the packing that do not come from the site.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Choices {
-    /// Walltime over prediction, at least 1.
+    /// Ratio of walltime to predicted duration, at least 1.
     pub safety: f64,
-    /// Start and end of a job beyond its work, s: modules, MPI, the warning before the walltime.
+    /// Time of a job beyond its work, s: modules, MPI, the warning before the walltime.
     pub overhead_s: u64,
-    /// How long a job should take at least, if there is work enough: short jobs wait more than they run, s.
+    /// Least duration of a job if there is enough work, s: short jobs wait more than they run.
     pub good_length_s: u64,
-    /// Nodes of a bundle, at most; the queue's limit where absent.
+    /// Largest number of nodes of a bundle; `None` means the queue's limit.
     pub bundle_nodes: Option<u32>,
 }
 
@@ -51,43 +51,43 @@ impl Default for Choices {
     }
 }
 
-/// Why nothing can be planned.
+/// Reason why the work cannot be packed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanError {
-    /// A task that no job of this queue can hold.
+    /// A task fits into no job of this queue.
     #[error("{task} {needs}, queue '{queue}' gives {limit}")]
     DoesNotFit {
-        /// Which task.
+        /// Identifier or description of the task.
         task: String,
-        /// What it needs.
+        /// Demand of the task.
         needs: String,
-        /// Which queue.
+        /// Name of the queue.
         queue: String,
-        /// What there is.
+        /// Limit of the queue.
         limit: String,
     },
-    /// A number that cannot be.
+    /// A number is out of its range.
     #[error("{what} is {found}, expected {expected}")]
     Value {
-        /// Which.
+        /// Name of the number.
         what: &'static str,
-        /// What it is.
+        /// Found value.
         found: f64,
-        /// What it should be.
+        /// Expected range.
         expected: &'static str,
     },
 }
 
-/// What of a queue is left for one wave of jobs.
+/// Room in a queue for one wave of jobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Room {
-    /// More jobs that may be queued.
+    /// Number of further jobs that may be queued.
     jobs: u32,
-    /// More jobs that may run.
+    /// Number of further jobs that may run.
     running: u32,
-    /// More nodes of running jobs.
+    /// Number of further nodes for running jobs.
     nodes: u32,
-    /// More cores of running jobs.
+    /// Number of further cores for running jobs.
     cores: u32,
 }
 
@@ -110,7 +110,8 @@ fn longest_work_s(queue: &Queue, choices: &Choices) -> f64 {
     queue.walltime_s().saturating_sub(choices.overhead_s) as f64 / choices.safety
 }
 
-/// Walltime of a job with so much work on its fullest place, s; whole minutes, and what the queue allows.
+/// Walltime of a job whose fullest place has work for `work_s`, s: whole minutes, within the
+/// queue's limits.
 fn walltime_s(work_s: f64, queue: &Queue, choices: &Choices) -> u64 {
     let wanted = (work_s * choices.safety).ceil() as u64 + choices.overhead_s;
     (wanted.div_ceil(60).max(1) * 60).clamp(
@@ -130,7 +131,7 @@ fn check(choices: &Choices) -> Result<(), PlanError> {
     })
 }
 
-/// A time that work takes.
+/// Checks a duration.
 fn check_time(what: &'static str, seconds: f64) -> Result<(), PlanError> {
     if seconds.is_finite() && seconds > 0.0 {
         return Ok(());
@@ -142,7 +143,7 @@ fn check_time(what: &'static str, seconds: f64) -> Result<(), PlanError> {
     })
 }
 
-/// Nodes that so many cores take.
+/// Number of nodes for this number of cores.
 fn nodes_for(cores: u32, node: Node) -> u32 {
     cores.div_ceil(node.cores).max(1)
 }

@@ -1,19 +1,19 @@
-//! When planned jobs are expected to end, if the queue gave everything at once that its limits allow.
+//! Expected end of planned jobs, if the queue granted at once all that its limits allow.
 
 use super::{InUse, room};
 use crate::site::Queue;
 
-/// An estimate without the wait for free nodes, which nobody can promise.
+/// An estimate without the wait for free nodes, which is unpredictable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Finish {
-    /// From the start of the first job to the end of the last, s.
+    /// Time from the start of the first job to the end of the last, s.
     pub after_s: f64,
-    /// Most jobs that run at once.
+    /// Largest number of jobs that run at once.
     pub most_at_once: u32,
 }
 
-/// Runs jobs of `(nodes, seconds)` in their order as soon as the limits of the queue on running jobs and on nodes let
-/// them. What the user has running already is taken to stay.
+/// Runs jobs of `(nodes, seconds)` in their order, as soon as the queue's limits on running jobs
+/// and on nodes allow. The user's running jobs count as running for ever.
 #[must_use]
 pub fn finish(jobs: &[(u32, f64)], queue: &Queue, in_use: InUse) -> Finish {
     let room = room(queue, in_use);

@@ -24,7 +24,7 @@ fn simulations(times: &[f64], ranks: u32) -> Vec<Simulation> {
     times.iter().enumerate().map(simulation).collect()
 }
 
-/// 256 simulations of one node under taskfarm: its 256 nodes of a user at once, in bundles of 16.
+/// 256 simulations of one node under taskfarm: all 256 nodes of a user at once, in bundles of 16.
 #[test]
 fn a_cohort_on_archer2() {
     let site = site("archer2");
@@ -50,7 +50,8 @@ fn a_cohort_on_archer2() {
     assert!((hours - 256.0 * 4000.0 / 3600.0).abs() < 1e-9);
 }
 
-/// The paper's Sobol analysis at 1 s a sample: 352 rounds of a node's cores, so one job of one node.
+/// The paper's Sobol analysis at 1 s per sample: 352 rounds on a node's cores, hence one job of one
+/// node.
 #[test]
 fn the_sobol_analysis_on_archer2() {
     let site = site("archer2");
@@ -79,7 +80,7 @@ fn the_sobol_analysis_on_archer2() {
     );
     assert_eq!(plan.predicted_s, 352.0);
     assert!((plan.node_hours - 352.0 / 3600.0).abs() < 1e-9);
-    // A hundred times slower, it is some ten jobs of an hour.
+    // At a hundred times the duration it takes about ten jobs of an hour.
     let slow = Sweep {
         s_per_sample: 100.0,
         ..sweep

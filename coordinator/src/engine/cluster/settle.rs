@@ -379,7 +379,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Cancels elements at the scheduler whose patients are all unwanted or done.
+    /// Cancels elements at the scheduler that have unwanted patients and no wanted ones.
     pub(super) fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
         for (name, element) in self.world.elements_at_work() {
             let row = &self.world.jobs.rows[&name];

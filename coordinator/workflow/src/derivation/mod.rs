@@ -1,8 +1,9 @@
-//! What follows from a plan and the outcomes so far: the next task, or how the chain ended. Pure.
+//! Derivation of a patient's chain from its plan and the outcomes so far: the next task, or the
+//! ending of the chain. Pure functions.
 //!
-//! Nothing is remembered from one decision to the next: the whole chain is derived anew, each task found by its key.
-//! A changed input or setting leads to another key and so to another task, from there on and nowhere before; a resumed
-//! run is the same derivation.
+//! Nothing is remembered between two decisions: the whole chain is derived anew, and each task is
+//! found by its key. A changed input or setting leads to another key and hence to other tasks, from
+//! that point of the chain on and not before. A resumed run is the same derivation.
 
 mod step1;
 mod step2;
@@ -26,57 +27,57 @@ use crate::cell_fit;
 use crate::chain::Chain;
 use crate::patient::{Stage, Step};
 
-/// A settled task, as the chain sees it.
+/// A settled task as the chain sees it.
 #[derive(Debug, Clone)]
 pub enum Settled<'a> {
-    /// Its result stands.
+    /// The task has a result.
     Published {
-        /// What was computed.
+        /// The result.
         result: &'a TaskResult,
-        /// Its files.
+        /// Files of the published attempt.
         artefacts: &'a [Artefact],
-        /// Where they lie, absolute.
+        /// Absolute directory of the files.
         directory: PathBuf,
     },
-    /// It failed for good.
+    /// The task failed for good.
     Failed(&'a Failure),
 }
 
-/// What follows.
+/// Next event of a chain.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Next {
-    /// This task is wanted.
+    /// A task is to be computed.
     Run {
-        /// Where in the chain.
+        /// Step of the chain.
         step: Step,
-        /// The task.
+        /// Key of the task.
         key: TaskKey,
-        /// Its specification.
+        /// Specification of the task.
         spec: Box<TaskSpec>,
     },
     /// Nothing is left to do.
     Finished,
-    /// The chain cannot go on.
+    /// A failure holds the chain.
     Failed {
-        /// Where.
+        /// Step of the failed task.
         step: Step,
-        /// Why.
+        /// Class and message of the failure.
         failure: Failure,
     },
 }
 
-/// The chain so far and what follows.
+/// Result of a derivation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evaluation {
-    /// Settled tasks.
+    /// Settled tasks of the chain.
     pub chain: Chain,
-    /// What follows.
+    /// Next event of the chain.
     pub next: Next,
 }
 
 /// Derives a patient's chain.
 ///
-/// - `carried`: step 1's parameters that were simulated under earlier settings, oldest first
+/// - `carried`: parameters of step 1 that were simulated under earlier settings, oldest first
 /// - `settled`: finds a settled task by its key
 #[must_use]
 pub fn evaluate<'a>(
@@ -108,7 +109,7 @@ struct Derivation<'a, 'b> {
     chain: Chain,
 }
 
-/// A result in the chain.
+/// A published result in the chain.
 struct Published<'a> {
     key: TaskKey,
     result: &'a TaskResult,
@@ -116,7 +117,7 @@ struct Published<'a> {
     directory: PathBuf,
 }
 
-/// Ends the derivation early: with what is wanted, or with what holds it.
+/// Ends the derivation early with a wanted task or with the failure that holds the chain.
 type Derived<T> = Result<T, Next>;
 
 fn broken(step: Step, class: FailureClass, message: String) -> Next {
@@ -179,7 +180,7 @@ impl<'a> Derivation<'a, '_> {
         Ok(())
     }
 
-    /// The result of a task, if it is published; else the derivation ends here.
+    /// Result of a task, if it is published. Otherwise the derivation ends here.
     fn result(&self, step: Step, spec: TaskSpec) -> Derived<Published<'a>> {
         let key = spec.key();
         match (self.settled)(&key) {
@@ -217,7 +218,7 @@ impl<'a> Derivation<'a, '_> {
         self.chain.step0 = Some(done.key);
         let mut result = Cow::Borrowed(result);
         if let OrganSpec::FiniteElement(organ) = &result.organ {
-            // Where the run lies now; it may have been moved since.
+            // The run may have been moved, so the path is taken from its present directory.
             let mut organ = organ.clone();
             if let Some(file) = done
                 .artefacts
@@ -257,7 +258,8 @@ fn wrong_kind(step: Step, result: &TaskResult) -> Next {
     )
 }
 
-/// A patient's own stream of random numbers: 53 bits, so that every reader of JSON gets the same number.
+/// Seed of a patient's own stream of random numbers. It has 53 bits, so that every JSON reader gets
+/// the same number.
 #[must_use]
 pub fn stream(seed: u64, patient: &str) -> u64 {
     let digest = sha256_hex(format!("{seed}/{patient}").as_bytes());

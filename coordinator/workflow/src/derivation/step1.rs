@@ -46,7 +46,7 @@ impl<'a> Derivation<'a, '_> {
         let mut history = fixed_point::History::new(start);
         let mut runs: Vec<Result<Published<'a>, Failure>> = Vec::new();
         for parameters in self.carried {
-            // Kept only as far as the same organ would be simulated again.
+            // Carried parameters are kept only as far as the same organ would be simulated again.
             let parameters = start.with_updated(parameters.updated());
             let spec = self.step1_beat(step0, &parameters);
             if let Ok(run) = self.iteration(
@@ -103,7 +103,8 @@ impl<'a> Derivation<'a, '_> {
         }
     }
 
-    /// The next parameters by space mapping with the misfit that they promise; none if nothing is left to try.
+    /// Next parameters by space mapping, with their predicted misfit; `None` if nothing is left to
+    /// try.
     fn proposal(
         &mut self,
         step0: &PassiveStateResult,
@@ -157,7 +158,8 @@ impl<'a> Derivation<'a, '_> {
         Ok(Some((result.parameters, predicted_misfit)))
     }
 
-    /// One simulation of step 1: told to the history when it is settled, else handed back as wanted.
+    /// One simulation of step 1. If it is settled, it is added to the history; otherwise it is
+    /// returned as wanted.
     fn iteration(
         &mut self,
         number: u32,
@@ -290,7 +292,7 @@ impl<'a> Derivation<'a, '_> {
     }
 }
 
-/// Why none of step 1's simulations can be the result.
+/// Reason why none of step 1's simulations can be the result.
 fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
     let failed = runs
         .iter()
@@ -313,7 +315,8 @@ fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
         .unwrap_or_else(|| "none lies within the bounds".to_owned())
 }
 
-/// (simulated − measured) / measured by biomarker: the sign of files, the opposite of the cost's terms.
+/// (simulated − measured) / measured by biomarker. This is the sign convention of files, opposite
+/// to that of the cost's terms.
 fn relative_differences(cost: &fixed_point::Cost) -> BTreeMap<String, f64> {
     cost.terms
         .iter()

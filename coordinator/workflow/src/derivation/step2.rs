@@ -1,4 +1,5 @@
-//! Step 2 of the chain: targets, the cell's fit, and the verification beat of the organ with that cell.
+//! Step 2 of the chain: targets, fit of the cell, and verification beat of the organ with that
+//! cell.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +19,7 @@ use crate::patient::{Stage, Step};
 use crate::{cell_fit, organ_fit};
 
 impl<'a> Derivation<'a, '_> {
-    /// Step 2's targets, and the calcium that is a fixed input.
+    /// Step 2's targets, and the calcium if it is a fixed input.
     pub(super) fn targets(
         &mut self,
         best: &Published<'a>,
@@ -66,7 +67,7 @@ impl<'a> Derivation<'a, '_> {
         Ok(result)
     }
 
-    /// A beat of the organ with a cell, with the potentials that a verification beat has.
+    /// A beat of the organ with a cell, including the potentials of a verification beat.
     pub(super) fn cell_beat(
         &self,
         step0: &PassiveStateResult,
@@ -86,7 +87,8 @@ impl<'a> Derivation<'a, '_> {
         spec
     }
 
-    /// A simulation with a cell in the organ, as step 3 sees it; a failed one is an answer of the model.
+    /// A simulation with a cell in the organ, as step 3 sees it. A failed simulation is an answer
+    /// of the model, not an error.
     pub(super) fn beat_with_cell(
         &self,
         step: Step,
@@ -143,7 +145,7 @@ impl<'a> Derivation<'a, '_> {
         let is_last = self.plan.settings.workflow.until == LastStep::Step2Verification;
         let beat = match beat {
             Err(failure) if is_last => return Err(Next::Failed { step, failure }),
-            // Step 3 goes on from there.
+            // Step 3 continues from there.
             Err(_) => organ_fit::Beat::failed(moved),
             Ok(beat) => beat,
         };

@@ -1,4 +1,4 @@
-//! Step 3 of the chain: the cell moved in the organ, and how sure the twin is.
+//! Step 3 of the chain: changes to the cell in the organ, and the certainty of the twin.
 
 use std::collections::BTreeMap;
 
@@ -80,7 +80,7 @@ impl<'a> Derivation<'a, '_> {
         Ok(taken)
     }
 
-    /// How sure the twin is. A posterior that cannot be sampled leaves the twin as it is.
+    /// Posterior of the twin. If it cannot be sampled, the twin stays as it is.
     pub(super) fn posterior(
         &mut self,
         step0: &PassiveStateResult,
@@ -117,7 +117,7 @@ impl<'a> Derivation<'a, '_> {
         Ok(())
     }
 
-    /// The next parameters of step 3 with the misfit that they promise; none if nothing is left to try.
+    /// Next parameters of step 3, with their predicted misfit; `None` if nothing is left to try.
     fn step3_proposal(
         &mut self,
         step0: &PassiveStateResult,
