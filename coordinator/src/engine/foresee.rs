@@ -71,5 +71,5 @@ pub(super) fn decide_unwritten(
         world.await_present_task(i);
         decider.decide(world, i)?;
     }
-    Ok(())
+    decider.look_and_answer(world)
 }

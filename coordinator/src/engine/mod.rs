@@ -28,7 +28,6 @@ use surroundings::Surroundings;
 use transitions::Decider;
 use world::World;
 
-mod act;
 mod apply_requests;
 mod book_rows;
 mod cluster;
@@ -36,6 +35,7 @@ mod cores;
 mod crash;
 mod error;
 mod events;
+mod files_seen;
 mod foresee;
 mod housekeeping;
 mod in_job_loop;
@@ -49,12 +49,12 @@ mod purged;
 mod requests;
 mod settings;
 mod show;
-mod shutdown;
 mod stop;
 mod surroundings;
 #[cfg(test)]
 mod tests;
 mod transitions;
+mod turn;
 mod watch;
 mod worker_identity;
 mod world;
@@ -316,10 +316,7 @@ async fn open(
     let mut writer = Writer::open(run_dir).await?;
     let now_ms = clock.now_ms();
     let mut world = World::new(run_dir, writer.load().await?, now_ms)?;
-    let mut decider = Decider {
-        site_retries: options.executor.site_retries,
-        ..Decider::default()
-    };
+    let mut decider = Decider::new(options.executor.site_retries);
     let cohort_dir = options.cohort_dir.to_string_lossy();
     if let Some(plans) = &options.patients {
         writer
@@ -339,12 +336,7 @@ async fn open(
                 .any(|id| id.as_str() == patient.row.patient);
         patient.selected = patient.row.active && named;
     }
-    decider.of = world.patients.iter().filter(|p| p.selected).count();
-    decider.over = world
-        .patients
-        .iter()
-        .filter(|p| p.selected && p.row.state.is_final())
-        .count();
+    decider.count(&world);
     Ok((writer, world, decider))
 }
 
@@ -536,6 +528,7 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
     for request in requests {
         changes.extend(decider.request(&mut world, request)?);
     }
+    decider.look_and_answer(&mut world)?;
     writer.commit(&mut world.flush()).await?;
     // Workers that outlived their coordinator and are not wanted any more are ended now, not at the
     // next run.

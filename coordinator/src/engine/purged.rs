@@ -18,17 +18,27 @@ use super::{EngineError, EngineEvent};
 /// each time. The task that reads them then reports the error.
 const MOST_GENERATIONS: u32 = 10;
 
+/// What became of the inputs of a patient's next task.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Inputs {
+    /// All are there, or nothing can make the missing ones.
+    Settled,
+    /// Published tasks were reopened, because their files are missing.
+    Reopened,
+    /// It is not known yet whether they exist.
+    Unseen,
+}
+
 impl Decider {
     /// Reopens published tasks whose files are missing and are needed by a patient's next task.
-    /// Returns whether there were any.
     pub(super) fn open_purged(
         &mut self,
         world: &mut World,
         i: usize,
         next: &Next,
-    ) -> Result<bool, EngineError> {
+    ) -> Result<Inputs, EngineError> {
         let Next::Run { step, key, spec } = next else {
-            return Ok(false);
+            return Ok(Inputs::Settled);
         };
         // A task that is already running has read its inputs, or reports a missing one itself.
         if world
@@ -36,13 +46,12 @@ impl Decider {
             .get(key)
             .is_some_and(|task| matches!(task.state, Task::Attempting { .. }))
         {
-            return Ok(false);
+            return Ok(Inputs::Settled);
         }
-        let missing: Vec<PathBuf> = inputs(spec)
-            .into_iter()
-            .filter(|path| !path.exists())
-            .collect();
-        let mut opened = false;
+        let Some(missing) = self.missing(inputs(spec)) else {
+            return Ok(Inputs::Unseen);
+        };
+        let mut found = Inputs::Settled;
         for path in missing {
             let Some(made) = maker(world, &path) else {
                 continue;
@@ -55,13 +64,13 @@ impl Decider {
                 continue;
             }
             world.task_event(&made, TaskEvent::Purged)?;
-            opened = true;
+            found = Inputs::Reopened;
             let patient = PatientId(world.patients[i].row.patient.clone());
             let name = path.strip_prefix(&world.run_dir).unwrap_or(&path).display();
             let text = format!("{patient}: {name} is gone, but {step} needs it: it is recomputed");
             self.events.push(EngineEvent::Request { text });
         }
-        Ok(opened)
+        Ok(found)
     }
 }
 

@@ -96,13 +96,14 @@ pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
         .collect())
 }
 
-/// Applies all pending requests. Returns events, and the files to remove after the commit.
-pub fn take(
+/// Applies pending requests. Returns events, and the files to remove after the commit.
+pub fn apply(
     world: &mut World,
     decider: &mut Decider,
+    pending: Vec<Pending>,
 ) -> Result<(Vec<EngineEvent>, Vec<PathBuf>), EngineError> {
     let (mut told, mut paths) = (Vec::new(), Vec::new());
-    for (path, request) in pending(&world.run_dir)? {
+    for (path, request) in pending {
         let text = match request {
             Ok(request) => match decider.request(world, &request) {
                 Ok(changes) => changes.join("; "),

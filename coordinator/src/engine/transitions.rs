@@ -2,6 +2,7 @@
 //! the effects of a request.
 
 use std::collections::HashSet;
+use std::path::PathBuf;
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::FailureClass;
@@ -14,7 +15,9 @@ use cardiotwin_workflow::judge::judge;
 use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
+use super::files_seen::FilesSeen;
 use super::program_identity::{self, DECIDED_BY};
+use super::purged::Inputs;
 use super::world::World;
 use super::{EngineError, EngineEvent, PatientEnding, settings};
 use crate::dispatch::Evidence;
@@ -45,9 +48,29 @@ pub struct Decider {
     pub site_retries: u32,
     /// Published tasks that were reopened because their files were gone.
     pub remade: HashSet<TaskKey>,
+    /// Files that were looked for since the last decision was complete.
+    files: FilesSeen,
+    /// Files about which decisions ask.
+    asked: Vec<PathBuf>,
+    /// Patients whose decisions wait for these files, each with the step that was published.
+    undecided: Vec<(usize, Option<Step>)>,
 }
 
 impl Decider {
+    /// A decider that forgives so many site failures of a task.
+    pub fn new(site_retries: u32) -> Self {
+        Self {
+            site_retries,
+            ..Self::default()
+        }
+    }
+
+    /// Counts the patients that are worked on.
+    pub fn count(&mut self, world: &World) {
+        self.of = world.selected_states().count();
+        self.over = world.selected_states().filter(|s| s.is_final()).count();
+    }
+
     /// Takes up the cohort's plans: new patients, changed inputs or settings, removed patients.
     pub fn take_up(
         &mut self,
@@ -167,20 +190,97 @@ impl Decider {
         Ok(())
     }
 
-    /// Derives a patient's chain and requests the task that it needs next.
+    /// Derives a patient's chain and requests the task that it needs next. The decision waits if it
+    /// has to know whether files exist ([`Decider::questions`]).
     pub fn decide(&mut self, world: &mut World, i: usize) -> Result<(), EngineError> {
+        self.decide_after(world, i, None)
+    }
+
+    /// Files that have to be looked for before the decisions are complete; none when they are.
+    pub fn questions(&mut self) -> Vec<PathBuf> {
+        if self.undecided.is_empty() {
+            // Files may come and go: the next decision looks for them anew.
+            self.files = FilesSeen::default();
+        }
+        std::mem::take(&mut self.asked)
+    }
+
+    /// Makes the decisions that waited for files. They may ask for further ones.
+    pub fn answer(&mut self, world: &mut World, seen: FilesSeen) -> Result<(), EngineError> {
+        self.files.extend(seen);
+        for (i, published) in std::mem::take(&mut self.undecided) {
+            self.decide_after(world, i, published)?;
+        }
+        Ok(())
+    }
+
+    /// Looks for files until the decisions are complete, for callers that may read.
+    pub fn look_and_answer(&mut self, world: &mut World) -> Result<(), EngineError> {
+        loop {
+            let asked = self.questions();
+            if asked.is_empty() {
+                return Ok(());
+            }
+            self.answer(world, FilesSeen::look(asked))?;
+        }
+    }
+
+    /// Which of these files are missing; `None`, and a question, if that is not known.
+    pub(super) fn missing(&mut self, paths: Vec<PathBuf>) -> Option<Vec<PathBuf>> {
+        let is_unseen = |path: &&PathBuf| self.files.exists(path).is_none();
+        let unseen: Vec<PathBuf> = paths.iter().filter(is_unseen).cloned().collect();
+        if !unseen.is_empty() {
+            self.asked.extend(unseen);
+            return None;
+        }
+        let is_missing = |path: &PathBuf| self.files.exists(path) == Some(false);
+        Some(paths.into_iter().filter(is_missing).collect())
+    }
+
+    /// Decides for a patient and reports the step that was published, now or when its files were
+    /// looked for.
+    fn decide_after(
+        &mut self,
+        world: &mut World,
+        i: usize,
+        published: Option<Step>,
+    ) -> Result<(), EngineError> {
+        let at = self.events.len();
+        if !self.try_to_decide(world, i)? {
+            self.undecided.push((i, published));
+            return Ok(());
+        }
+        if let Some(step) = published {
+            let patient = PatientId(world.patients[i].row.patient.clone());
+            let note = note(world, i, step);
+            let step = step.to_string();
+            let event = EngineEvent::TaskPublished {
+                patient,
+                step,
+                note,
+            };
+            self.events.insert(at, event);
+        }
+        Ok(())
+    }
+
+    /// Returns false, and changes nothing, if it is not known whether the files exist that the next
+    /// task reads.
+    fn try_to_decide(&mut self, world: &mut World, i: usize) -> Result<bool, EngineError> {
         if !world.patients[i].selected
             || matches!(world.patients[i].row.state, Patient::Cancelled { .. })
         {
-            return Ok(());
+            return Ok(true);
         }
         let evaluation = loop {
             let patient = &world.patients[i];
             let evaluation =
                 derivation::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
-            // Each pass reopens published tasks, each at most once, so the loop ends.
-            if !self.open_purged(world, i, &evaluation.next)? {
-                break evaluation;
+            match self.open_purged(world, i, &evaluation.next)? {
+                Inputs::Settled => break evaluation,
+                // Each pass reopens published tasks, each at most once, so the loop ends.
+                Inputs::Reopened => {}
+                Inputs::Unseen => return Ok(false),
             }
         };
         let links: Vec<(Step, TaskKey)> = evaluation
@@ -224,14 +324,14 @@ impl Decider {
                     )?;
                 }
                 wait_for(world, i, &key);
-                Ok(())
             }
-            Next::Finished => self.end(world, i, PatientEvent::Finish, PatientEnding::Done),
+            Next::Finished => self.end(world, i, PatientEvent::Finish, PatientEnding::Done)?,
             Next::Failed { step, failure } => {
                 let ending = PatientEnding::Failed(failure.clone());
-                self.end(world, i, PatientEvent::Fail { step, failure }, ending)
+                self.end(world, i, PatientEvent::Fail { step, failure }, ending)?;
             }
         }
+        Ok(true)
     }
 
     /// Replaces a stored state that the derivation does not confirm, because another version
@@ -447,20 +547,7 @@ impl Decider {
                     task: attempt.task.clone(),
                 },
             )?;
-            let at = self.events.len();
-            self.decide(world, i)?;
-            if let Some(step) = step.filter(|_| published) {
-                let patient = PatientId(world.patients[i].row.patient.clone());
-                let note = note(world, i, step);
-                self.events.insert(
-                    at,
-                    EngineEvent::TaskPublished {
-                        patient,
-                        step: step.to_string(),
-                        note,
-                    },
-                );
-            }
+            self.decide_after(world, i, step.filter(|_| published))?;
         }
         Ok(())
     }

@@ -20,6 +20,7 @@ impl<S: Scheduler> Cluster<S> {
             if !self.follow_task(&key)? {
                 break;
             }
+            self.decider.look_and_answer(&mut self.world)?;
         }
         Ok(())
     }

@@ -3,13 +3,14 @@
 //!
 //! ```text
 //!  observe: attempts and jobs by the files they left ([`follow`], [`observe`]); one squeue, at
-//!           most one sacct; jobs that ended are revoked once their end is committed, so that
-//!           their files do not change any more
+//!           most one sacct
 //!  decide:  chains as everywhere (`Decider`), consequences of ended jobs ([`settle`]), new jobs
 //!           ([`place`])
 //!  commit:  events, states, names of new jobs and actions, in one transaction
 //!  act:     fences, scancel, sbatch ([`submit`])
 //! ```
+//! A quiet tick is one turn. Requests, jobs that ended and attempts that were stopped take a turn of
+//! their own ([`Stage`]), because their consequences are decided after they are committed.
 
 mod breaker;
 mod disk_need;
@@ -31,6 +32,7 @@ mod tests;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_slurm::answers::queue::QueueRow;
 use cardiotwin_slurm::answers::{Output, Table};
@@ -38,11 +40,15 @@ use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_workflow::patient::Patient;
 
+use super::files_seen::FilesSeen;
 use super::program_identity::DECIDED_BY;
+use super::requests::Pending;
 use super::surroundings::Surroundings;
 use super::transitions::Decider;
+use super::turn::{self, Engine};
 use super::world::World;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests};
+use crate::dispatch::Evidence;
 use crate::dispatch::slurm::Scheduler;
 use crate::store::Writer;
 pub use crate::store::cluster_jobs::{ClusterReport, REPORT};
@@ -55,6 +61,43 @@ use expect::Expectations;
 pub use measure::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
+use settle::Settlement;
+
+/// Stages of a tick. A stage that finds nothing is skipped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    /// Changes that other processes requested are applied.
+    Requests,
+    /// Attempts and jobs are examined; the ends of jobs are committed, then these jobs are revoked.
+    Jobs,
+    /// The patients of ended jobs are dealt with, and waiting patients are placed in jobs.
+    Patients,
+    /// The ends of attempts that were stopped are taken up.
+    Effects,
+    /// The tick is over.
+    Over,
+}
+
+/// Number of the action that stopped an attempt, the attempt, and the evidence that was published
+/// before.
+type Stopped = (i64, AttemptId, Option<Evidence>);
+
+/// Observation of a stage.
+pub enum Seen {
+    Requests(Vec<Pending>),
+    /// Names and elements of jobs that ended.
+    Ended(Vec<(String, usize)>),
+    Settlements(Vec<Settlement>),
+    Stopped(Vec<Stopped>),
+    /// Files about which decisions asked.
+    Files(FilesSeen),
+}
+
+impl From<FilesSeen> for Seen {
+    fn from(seen: FilesSeen) -> Self {
+        Self::Files(seen)
+    }
+}
 
 /// A run whose tasks are jobs of a cluster.
 pub struct Cluster<S> {
@@ -78,6 +121,13 @@ pub struct Cluster<S> {
     submitted: u64,
     /// Number of job names made by this process.
     names: u32,
+    stage: Stage,
+    /// Files of requests that were applied, to be removed after the commit.
+    applied_requests: Vec<PathBuf>,
+    /// Names and elements of jobs to revoke after the commit.
+    to_revoke: Vec<(String, usize)>,
+    /// Attempts that were stopped in this tick.
+    stopped: Vec<Stopped>,
 }
 
 impl<S: Scheduler> Cluster<S> {
@@ -127,6 +177,10 @@ impl<S: Scheduler> Cluster<S> {
             report,
             submitted,
             names,
+            stage: Stage::Requests,
+            applied_requests: Vec::new(),
+            to_revoke: Vec::new(),
+            stopped: Vec::new(),
         })
     }
 
@@ -137,18 +191,8 @@ impl<S: Scheduler> Cluster<S> {
     pub async fn tick(&mut self) -> Result<(), EngineError> {
         self.world.now_ms = self.surroundings.clock.now_ms();
         self.report.commands = 0;
-        self.take_requests().await?;
-        for i in 0..self.world.patients.len() {
-            self.follow(i)?;
-        }
-        self.observe().await?;
-        self.revoke_ended().await?;
-        self.settle_all()?;
-        self.cancel_unwanted()?;
-        self.place().await?;
-        self.commit().await?;
-        self.act().await?;
-        self.commit().await
+        self.stage = Stage::Requests;
+        turn::run(self).await
     }
 
     /// Registers which patient waits for which task and decides for every patient that is not
@@ -161,6 +205,7 @@ impl<S: Scheduler> Cluster<S> {
         let program = self.writer.meta().await?.remove(DECIDED_BY);
         self.decider
             .decide_all(&mut self.world, program.as_ref(), Patient::is_final)?;
+        self.decider.look_and_answer(&mut self.world)?;
         self.world.need_a_worker()?;
         let started = super::EngineEvent::Started {
             patients: self.decider.of,
@@ -184,7 +229,7 @@ impl<S: Scheduler> Cluster<S> {
             let before = (self.decider.published, self.submitted, self.decider.over);
             self.tick().await?;
             self.writer.publish_snapshot().await?;
-            if self.is_over() || stop.level() > StopLevel::Run {
+            if self.is_finished() || stop.level() > StopLevel::Run {
                 return Ok(());
             }
             let changed = before != (self.decider.published, self.submitted, self.decider.over);
@@ -222,7 +267,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     /// Whether nothing is left to do: every selected patient is over, and no job is live.
-    pub fn is_over(&self) -> bool {
+    fn is_finished(&self) -> bool {
         self.world
             .patients
             .iter()
@@ -230,21 +275,6 @@ impl<S: Scheduler> Cluster<S> {
             .all(|p| p.row.state.is_final())
             && self.world.jobs.rows.is_empty()
             && self.world.outbox.is_empty()
-    }
-
-    /// Commits everything that was decided, then sends the events.
-    pub(super) async fn commit(&mut self) -> Result<(), EngineError> {
-        let mut batch = self.world.flush();
-        let report = serde_json::to_string(&self.report).expect("a report is JSON");
-        batch.put_meta(REPORT, &report);
-        self.pass("before a commit")?;
-        self.writer.commit(&mut batch).await?;
-        self.pass("after a commit")?;
-        for event in self.decider.events.drain(..) {
-            // There may be no receiver.
-            let _ = self.events.send(event);
-        }
-        Ok(())
     }
 
     /// Passes a crash point.
@@ -260,15 +290,28 @@ impl<S: Scheduler> Cluster<S> {
         Ok(output)
     }
 
-    async fn take_requests(&mut self) -> Result<(), EngineError> {
-        let (told, paths) = requests::take(&mut self.world, &mut self.decider)?;
-        if paths.is_empty() {
+    fn take_requests(&mut self, pending: Vec<Pending>) -> Result<(), EngineError> {
+        let (told, applied) = requests::apply(&mut self.world, &mut self.decider, pending)?;
+        self.decider.events.extend(told);
+        self.applied_requests = applied;
+        Ok(())
+    }
+
+    fn remove_applied_requests(&mut self) -> Result<(), EngineError> {
+        requests::remove(&std::mem::take(&mut self.applied_requests))?;
+        self.pass("after requests were removed")
+    }
+
+    /// Takes up the end of an attempt that was stopped.
+    fn take_stopped(&mut self, (action, attempt, published): Stopped) -> Result<(), EngineError> {
+        self.world.action_done(action);
+        if !self.world.attempts.contains_key(&attempt) {
             return Ok(());
         }
-        self.decider.events.extend(told);
-        self.commit().await?;
-        requests::remove(&paths)?;
-        self.pass("after requests were removed")
+        match published {
+            Some(evidence) => self.take_up(&attempt, evidence),
+            None => self.interrupt(&attempt, "ended by the coordinator"),
+        }
     }
 
     /// Closes the database.
@@ -299,5 +342,95 @@ impl<S: Scheduler> Cluster<S> {
         };
         summary.count(self.world.selected_states());
         summary
+    }
+}
+
+impl<S: Scheduler> Engine for Cluster<S> {
+    type Seen = Seen;
+
+    async fn observe(&mut self) -> Result<Seen, EngineError> {
+        if self.stage == Stage::Requests {
+            let pending = requests::pending(&self.world.run_dir)?;
+            if !pending.is_empty() {
+                return Ok(Seen::Requests(pending));
+            }
+            self.stage = Stage::Jobs;
+        }
+        if self.stage == Stage::Jobs {
+            for i in 0..self.world.patients.len() {
+                self.follow(i)?;
+            }
+            self.look_at_jobs().await?;
+            let ended = self.ended_elements();
+            if !ended.is_empty() {
+                return Ok(Seen::Ended(ended));
+            }
+            self.stage = Stage::Patients;
+        }
+        if self.stage == Stage::Patients {
+            let settlements = self.settlements()?;
+            self.ask_for_limits(!settlements.is_empty()).await?;
+            return Ok(Seen::Settlements(settlements));
+        }
+        Ok(Seen::Stopped(std::mem::take(&mut self.stopped)))
+    }
+
+    fn decide(&mut self, seen: Seen) -> Result<Vec<PathBuf>, EngineError> {
+        match seen {
+            Seen::Requests(pending) => self.take_requests(pending)?,
+            Seen::Ended(ended) => self.to_revoke = ended,
+            Seen::Settlements(settlements) => self.settle_all(settlements)?,
+            Seen::Stopped(stopped) => stopped
+                .into_iter()
+                .try_for_each(|stopped| self.take_stopped(stopped))?,
+            Seen::Files(seen) => self.decider.answer(&mut self.world, seen)?,
+        }
+        let asked = self.decider.questions();
+        if asked.is_empty() && self.stage == Stage::Patients {
+            self.cancel_unwanted()?;
+            self.place()?;
+        }
+        Ok(asked)
+    }
+
+    async fn commit(&mut self) -> Result<(), EngineError> {
+        let mut batch = self.world.flush();
+        let report = serde_json::to_string(&self.report).expect("a report is JSON");
+        batch.put_meta(REPORT, &report);
+        self.pass("before a commit")?;
+        self.writer.commit(&mut batch).await?;
+        self.pass("after a commit")?;
+        for event in self.decider.events.drain(..) {
+            // There may be no receiver.
+            let _ = self.events.send(event);
+        }
+        Ok(())
+    }
+
+    async fn act(&mut self) -> Result<(), EngineError> {
+        self.stage = match self.stage {
+            Stage::Requests => {
+                self.remove_applied_requests()?;
+                Stage::Jobs
+            }
+            Stage::Jobs => {
+                self.revoke_ended()?;
+                Stage::Patients
+            }
+            Stage::Patients => {
+                self.work_off_outbox().await?;
+                if self.stopped.is_empty() {
+                    Stage::Over
+                } else {
+                    Stage::Effects
+                }
+            }
+            Stage::Effects | Stage::Over => Stage::Over,
+        };
+        Ok(())
+    }
+
+    fn is_over(&self) -> bool {
+        self.stage == Stage::Over
     }
 }

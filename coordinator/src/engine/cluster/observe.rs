@@ -36,7 +36,7 @@ type Accounted = HashMap<String, Table<AccountingRow>>;
 
 impl<S: Scheduler> Cluster<S> {
     /// Looks at every job that is not over.
-    pub(super) async fn observe(&mut self) -> Result<(), EngineError> {
+    pub(super) async fn look_at_jobs(&mut self) -> Result<(), EngineError> {
         self.queue = None;
         for (name, element) in self.world.elements_at_work() {
             self.own_evidence(&name, element)?;

@@ -44,7 +44,7 @@ struct Like {
 
 impl<S: Scheduler> Cluster<S> {
     /// Packs waiting patients into jobs and puts these with their names into the next commit.
-    pub(super) async fn place(&mut self) -> Result<(), EngineError> {
+    pub(super) fn place(&mut self) -> Result<(), EngineError> {
         self.world.jobs.holds = None;
         let waiting = waiting(&self.world);
         self.report.node_hours_left = 0.0;
@@ -53,7 +53,6 @@ impl<S: Scheduler> Cluster<S> {
             self.hold(None);
             return Ok(());
         }
-        self.discover().await?;
         let Some(queue) = &self.queue else {
             // Limits apply to all jobs of the user, so without an answer the free room is unknown.
             let why = self.report.no_answer.clone().unwrap_or_default();

@@ -7,6 +7,7 @@ use cardiotwin_slurm::commands;
 use cardiotwin_slurm::site::{Scheduler as Kind, Site};
 
 use super::Cluster;
+use super::place::waiting;
 use crate::dispatch::slurm::Scheduler;
 use crate::engine::EngineError;
 use crate::store::Writer;
@@ -92,9 +93,19 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
 }
 
 impl<S: Scheduler> Cluster<S> {
+    /// Asks for the site's limits where patients are about to be placed in jobs.
+    ///
+    /// - `has_ends`: whether jobs ended, whose patients may wait for another one
+    pub(super) async fn ask_for_limits(&mut self, has_ends: bool) -> Result<(), EngineError> {
+        if has_ends || !waiting(&self.world).is_empty() {
+            self.discover().await?;
+        }
+        Ok(())
+    }
+
     /// Refines the profile by the limits that the site reports. The site is asked once a day, since
     /// these hardly change.
-    pub async fn discover(&mut self) -> Result<(), EngineError> {
+    async fn discover(&mut self) -> Result<(), EngineError> {
         let meta = self.writer.meta().await?;
         let value = |key: &str| meta.get(key).cloned().unwrap_or_default();
         let told_ms: i64 = value(TOLD[0]).parse().unwrap_or(0);

@@ -2,6 +2,7 @@
 //! a permanent failure.
 
 use cardiotwin_protocol::closing;
+use cardiotwin_schemas::allocation::DriverEnd;
 use cardiotwin_schemas::failure::{Failure, FailureClass, SiteCause};
 use cardiotwin_schemas::ids::{AttemptId, PatientId};
 use cardiotwin_slurm::failure::{self, Budgets, Class, Given, Next, Spent};
@@ -20,31 +21,45 @@ use crate::engine::requests::Request;
 use crate::store::cluster_jobs::{JobRow, Placed, id_text};
 use crate::store::outbox::Action;
 
+/// An element of a job that was revoked, with its patients.
+pub struct Settlement {
+    name: String,
+    element: usize,
+    patients: Vec<Standing>,
+}
+
+/// Standing of a patient whose job has ended.
+struct Standing {
+    i: usize,
+    placed: Placed,
+    /// The attempt of this job that was revoked before it published.
+    interrupted: Option<AttemptId>,
+    /// Whether tasks were settled, or a checkpoint was left.
+    has_progressed: bool,
+    /// Reason for which the driver left the patient.
+    left: Option<String>,
+    /// Whether the patient's worker died of a defect.
+    has_defect: bool,
+}
+
 impl<S: Scheduler> Cluster<S> {
     /// Elements that ended and whose patients were not dealt with yet.
-    fn ended_elements(&self) -> Vec<(String, usize, Ending)> {
+    pub(super) fn ended_elements(&self) -> Vec<(String, usize)> {
         let rows = self.world.jobs.rows.values();
         rows.flat_map(|row| {
             let states = row.state.elements.iter().enumerate();
             let open = states.filter(|(element, _)| !row.seen[*element].settled);
-            open.filter_map(|(element, state)| match state {
-                Element::Over { ending } => Some((row.name.clone(), element, ending.clone())),
-                _ => None,
-            })
+            let over = open.filter(|(_, state)| matches!(state, Element::Over { .. }));
+            over.map(|(element, _)| (row.name.clone(), element))
         })
         .collect()
     }
 
     /// Revokes the elements that ended, and the attempts that they left unfinished: an attempt that
-    /// had not published by then never will. The ends are committed first, so that a tick that is
+    /// had not published by then never will. The ends are committed before, so that a tick that is
     /// killed here does the same again.
-    pub(super) async fn revoke_ended(&mut self) -> Result<(), EngineError> {
-        let ended = self.ended_elements();
-        if ended.is_empty() {
-            return Ok(());
-        }
-        self.commit().await?;
-        for (name, element, _) in ended {
+    pub(super) fn revoke_ended(&mut self) -> Result<(), EngineError> {
+        for (name, element) in std::mem::take(&mut self.to_revoke) {
             JobFolder::of(&self.world.run_dir, &name).fence(element)?;
             self.pass("after an element was revoked")?;
             for i in self.patients_of(&name, element) {
@@ -59,12 +74,62 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    /// Deals with the patients of the elements that were revoked.
-    pub(super) fn settle_all(&mut self) -> Result<(), EngineError> {
-        for (name, element, ending) in self.ended_elements() {
-            self.settle(&name, element, &ending)?;
+    /// Reads the standings of the patients of the elements that were revoked.
+    pub(super) fn settlements(&mut self) -> Result<Vec<Settlement>, EngineError> {
+        let ended = self.ended_elements().into_iter();
+        ended
+            .map(|(name, element)| {
+                let patients = self.standings(&name, element)?;
+                Ok(Settlement {
+                    name,
+                    element,
+                    patients,
+                })
+            })
+            .collect()
+    }
+
+    fn standings(&mut self, name: &str, element: usize) -> Result<Vec<Standing>, EngineError> {
+        let Some(row) = self.world.jobs.rows.get(name) else {
+            return Ok(Vec::new());
+        };
+        let patients = row.spec.elements[element].clone();
+        let folder = JobFolder::of(&self.world.run_dir, name);
+        let ends: Vec<DriverEnd> = (0..row.spec.n_nodes)
+            .filter_map(|node| folder.ended(element, node))
+            .collect();
+        let mut standings = Vec::new();
+        for placed in patients {
+            let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
+                continue;
+            };
+            // An outcome that was published before the revocation counts.
+            self.follow(i)?;
+            let interrupted = self
+                .attempt_of(i, name)
+                .filter(|attempt| closing::is_revoked(&self.world.directory(attempt)));
+            let has_progressed = self.settled_tasks(i) > placed.settled
+                || interrupted
+                    .as_ref()
+                    .is_some_and(|a| folder::has_checkpoint(&self.world.directory(a)));
+            let id = PatientId(self.world.patients[i].row.patient.clone());
+            standings.push(Standing {
+                i,
+                placed,
+                interrupted,
+                has_progressed,
+                left: ends.iter().find_map(|end| end.left.get(&id).cloned()),
+                has_defect: ends.iter().any(|end| end.defects.contains(&id)),
+            });
         }
-        Ok(())
+        Ok(standings)
+    }
+
+    /// Deals with the patients of the elements that were revoked.
+    pub(super) fn settle_all(&mut self, settlements: Vec<Settlement>) -> Result<(), EngineError> {
+        settlements
+            .into_iter()
+            .try_for_each(|settlement| self.settle(settlement))
     }
 
     fn patients_of(&self, job: &str, element: usize) -> Vec<usize> {
@@ -77,42 +142,28 @@ impl<S: Scheduler> Cluster<S> {
             .collect()
     }
 
-    fn settle(&mut self, name: &str, element: usize, ending: &Ending) -> Result<(), EngineError> {
+    fn settle(&mut self, settlement: Settlement) -> Result<(), EngineError> {
+        let (name, element) = (&settlement.name, settlement.element);
         let Some(row) = self.world.jobs.rows.get(name).cloned() else {
             return Ok(());
         };
-        let patients = row.spec.elements[element].clone();
-        let mut standings = Vec::new();
-        for placed in patients {
-            let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
-                continue;
-            };
-            // An outcome that was published before the revocation counts.
-            self.follow(i)?;
-            let interrupted = self
-                .attempt_of(i, name)
-                .filter(|attempt| closing::is_revoked(&self.world.directory(attempt)));
-            let progressed = self.settled_tasks(i) > placed.settled
-                || interrupted
-                    .as_ref()
-                    .is_some_and(|a| folder::has_checkpoint(&self.world.directory(a)));
-            standings.push((i, placed, interrupted, progressed));
-        }
-        let anybody = standings
-            .iter()
-            .any(|(.., interrupted, progressed)| interrupted.is_some() || *progressed);
-        for (i, placed, interrupted, progressed) in standings {
+        let Some(Element::Over { ending }) = row.state.elements.get(element) else {
+            return Ok(());
+        };
+        let is_begun = |s: &Standing| s.interrupted.is_some() || s.has_progressed;
+        let anybody = settlement.patients.iter().any(is_begun);
+        for standing in settlement.patients {
+            let (i, placed) = (standing.i, &standing.placed);
             let stale = placed.plan != self.world.jobs.allotment(placed.patient_id).plans;
             let over =
                 self.world.patients[i].row.state.is_final() || !self.world.patients[i].row.active;
             if over || stale {
-                if let Some(attempt) = interrupted {
+                if let Some(attempt) = standing.interrupted {
                     self.interrupt(&attempt, "its job ended")?;
                 }
                 continue;
             }
-            let begun = interrupted.is_some() || progressed;
-            if !begun
+            if !is_begun(&standing)
                 && (anybody || matches!(row.state.submission, Submission::Void { .. }))
                 && ending.cause != Some(SiteCause::Refused)
             {
@@ -123,7 +174,7 @@ impl<S: Scheduler> Cluster<S> {
                 }
                 continue;
             }
-            self.follows(i, &row, element, ending, interrupted, progressed)?;
+            self.follows(&row, element, ending, standing)?;
         }
         self.world.element_settled(name, element);
         Ok(())
@@ -148,15 +199,19 @@ impl<S: Scheduler> Cluster<S> {
     /// Consequences for a patient whose chain the job did not finish.
     fn follows(
         &mut self,
-        i: usize,
         row: &JobRow,
         element: usize,
         ending: &Ending,
-        interrupted: Option<AttemptId>,
-        progressed: bool,
+        standing: Standing,
     ) -> Result<(), EngineError> {
+        let Standing {
+            i,
+            interrupted,
+            left,
+            has_progressed,
+            ..
+        } = standing;
         let patient_id = self.world.patients[i].row.id;
-        let (left, defect) = self.left_because(i, row, element);
         let class = match ending.cause {
             Some(SiteCause::Walltime) => Class::Walltime,
             Some(SiteCause::OutOfMemory) => Class::OutOfMemory,
@@ -165,7 +220,7 @@ impl<S: Scheduler> Cluster<S> {
             Some(SiteCause::Cancelled) => return self.cancelled(i, &row.name, interrupted),
             Some(SiteCause::Refused) => Class::BadInput,
             Some(SiteCause::Defect) => Class::Panic,
-            _ if defect => Class::Panic,
+            _ if standing.has_defect => Class::Panic,
             Some(SiteCause::Unexplained) => Class::Unexplained,
             // The job ended in order: its remaining patients had too little time, or a worker that
             // died.
@@ -206,7 +261,7 @@ impl<S: Scheduler> Cluster<S> {
                 ending.words
             )
         };
-        match failure::next(class, &nodes, progressed, &given, spent, budgets) {
+        match failure::next(class, &nodes, has_progressed, &given, spent, budgets) {
             Next::Again {
                 given: more,
                 spent,
@@ -260,19 +315,6 @@ impl<S: Scheduler> Cluster<S> {
                 self.fail(i, interrupted, failure)
             }
         }
-    }
-
-    /// Reason for which the driver left a patient, and whether its worker died of a defect.
-    fn left_because(&self, i: usize, row: &JobRow, element: usize) -> (Option<String>, bool) {
-        let folder = JobFolder::of(&self.world.run_dir, &row.name);
-        let id = PatientId(self.world.patients[i].row.patient.clone());
-        let ends: Vec<_> = (0..row.spec.n_nodes)
-            .filter_map(|node| folder.ended(element, node))
-            .collect();
-        (
-            ends.iter().find_map(|end| end.left.get(&id).cloned()),
-            ends.iter().any(|end| end.defects.contains(&id)),
-        )
     }
 
     /// Fails a patient's present task for good: through the interrupted attempt, or through a new

@@ -11,9 +11,10 @@ use cardiotwin_slurm::script::{self, Array, Job, Work};
 use cardiotwin_slurm::site::Site;
 
 use super::{Cluster, Expectations};
-use crate::dispatch;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::JobFolder;
+use crate::dispatch::{self, Evidence};
+use crate::engine::turn::Engine as _;
 use crate::engine::world::World;
 use crate::engine::{EngineError, overlay};
 use crate::store::cluster_jobs::{JobRow, JobSpec};
@@ -34,7 +35,7 @@ enum Room {
 
 impl<S: Scheduler> Cluster<S> {
     /// Executes the actions of committed batches.
-    pub(super) async fn act(&mut self) -> Result<(), EngineError> {
+    pub(super) async fn work_off_outbox(&mut self) -> Result<(), EngineError> {
         let mut cancelled: Vec<(i64, String, usize)> = Vec::new();
         let mut room = if self.leaves_slurm_alone() {
             Room::Closed
@@ -54,7 +55,13 @@ impl<S: Scheduler> Cluster<S> {
                 Action::FenceJob { job, element } => {
                     JobFolder::of(&self.world.run_dir, &job).fence(element)?
                 }
-                Action::Stop { attempt } => self.stop(&attempt)?,
+                Action::Stop { attempt } => {
+                    let published = self.stop(&attempt)?;
+                    self.pass("after an action")?;
+                    // The action is done when the end of the attempt is taken up.
+                    self.stopped.push((id, attempt, published));
+                    continue;
+                }
                 Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
                 Action::CancelJob { job, element } => {
                     cancelled.push((id, job, element));
@@ -84,7 +91,7 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Revokes an attempt that is not wanted any more. An outcome that was published first is taken
     /// up.
-    fn stop(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
+    fn stop(&self, attempt: &AttemptId) -> Result<Option<Evidence>, EngineError> {
         let directory = self.world.directory(attempt);
         // An attempt that never began is revoked as well, so that no driver begins it.
         std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
@@ -93,13 +100,7 @@ impl<S: Scheduler> Cluster<S> {
             source,
         })?;
         let published = dispatch::revoke(&directory, attempt, "no longer needed")?;
-        if !self.world.attempts.contains_key(attempt) {
-            return Ok(());
-        }
-        match published {
-            Some(evidence) => self.take_up(attempt, evidence),
-            None => self.interrupt(attempt, "ended by the coordinator"),
-        }
+        Ok(published)
     }
 
     /// Cancels all given elements with one scancel, and jobs without a known number by their names.

@@ -1,26 +1,38 @@
 //! Executes the committed actions of the outbox. Actions are idempotent: a second execution changes
 //! nothing.
 
-use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 
-use super::cores;
-use super::local_loop::LocalLoop;
-use super::transitions::Circumstance;
-use super::watch::Tail;
-use super::world::AttemptEntry;
-use super::{EngineError, StopLevel, overlay};
-use crate::dispatch::{DispatchError, Evidence, Executor, Order};
+use super::LocalLoop;
+use crate::dispatch::{DispatchError, Evidence, Executor, News, Order};
+use crate::engine::watch::Tail;
+use crate::engine::world::AttemptEntry;
+use crate::engine::{EngineError, StopLevel, cores, overlay, requests};
 use crate::store::outbox::Action;
 
 impl<E: Executor> LocalLoop<E> {
-    pub(super) async fn act(&mut self) -> Result<(), EngineError> {
-        if self.seen_stop == StopLevel::Now {
+    /// Ends the workers that are hung, or that are in the way of a stop.
+    pub(super) fn end_workers(&mut self) -> Result<(), EngineError> {
+        for (attempt, by_force) in std::mem::take(&mut self.to_end) {
+            let directory = self.world.directory(&attempt);
+            self.executor.stop(&attempt, &directory, by_force)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn remove_applied_requests(&mut self) -> Result<(), EngineError> {
+        if self.applied_requests.is_empty() {
             return Ok(());
         }
+        requests::remove(&std::mem::take(&mut self.applied_requests))?;
+        self.surroundings.crash.pass("after requests were removed")
+    }
+
+    pub(super) async fn work_off_outbox(&mut self) -> Result<(), EngineError> {
         self.world.now_ms = self.surroundings.clock.now_ms();
         for (id, action) in std::mem::take(&mut self.world.outbox) {
             // A stopping coordinator submits nothing new; the next run executes this action.
@@ -34,7 +46,7 @@ impl<E: Executor> LocalLoop<E> {
                     let directory = self.world.directory(&attempt);
                     if !self.executor.stop(&attempt, &directory, false)? {
                         // No process is left whose end would be reported.
-                        self.adopt_stopped(&attempt)?;
+                        self.stopped_unwatched.push(attempt);
                     }
                 }
                 Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
@@ -48,25 +60,6 @@ impl<E: Executor> LocalLoop<E> {
             self.world.action_done(id);
         }
         Ok(())
-    }
-
-    fn adopt_stopped(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
-        if !self.world.attempts.contains_key(attempt) || self.adopt(attempt)? {
-            return Ok(());
-        }
-        // The attempt is fenced and invisible from here: it can publish nothing.
-        self.forget(attempt)
-    }
-
-    /// Closes the books on an attempt that was ended before any worker claimed it, or that is
-    /// fenced and out of sight.
-    pub(super) fn forget(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
-        let evidence = Evidence::Nothing {
-            class: FailureClass::Site,
-            reason: "ended by the coordinator".into(),
-        };
-        self.decider
-            .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
     }
 
     async fn submit(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
@@ -115,30 +108,29 @@ impl<E: Executor> LocalLoop<E> {
                     class: FailureClass::Site,
                     reason: with_cause(&error),
                 };
-                self.decider.attempt_ended(
-                    &mut self.world,
-                    attempt,
-                    evidence,
-                    Circumstance::Watched,
-                )
+                self.not_submitted(attempt, evidence);
+                Ok(())
             }
             Err(error @ DispatchError::Kind { .. }) => {
-                let failure = Failure::new(FailureClass::Input, error.to_string());
                 let evidence = Evidence::Nothing {
-                    class: failure.class,
-                    reason: failure.message,
+                    class: FailureClass::Input,
+                    reason: error.to_string(),
                 };
-                self.decider.attempt_ended(
-                    &mut self.world,
-                    attempt,
-                    evidence,
-                    Circumstance::Watched,
-                )
+                self.not_submitted(attempt, evidence);
+                Ok(())
             }
             // No attempt could be started for this reason, so the attempt keeps its state for the
             // next run.
             Err(error) => Err(error.into()),
         }
+    }
+
+    fn not_submitted(&mut self, attempt: &AttemptId, evidence: Evidence) {
+        self.failed_submissions.push(News::Ended {
+            attempt: attempt.clone(),
+            evidence,
+            claim: None,
+        });
     }
 }
 

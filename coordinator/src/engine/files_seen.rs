@@ -1,0 +1,29 @@
+//! Files about which a decision asks. Decisions read nothing: a decision that depends on whether a
+//! file exists waits, the loop looks for the file, and the decision is made with the answer.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// Files that were looked for, each with whether it exists.
+#[derive(Debug, Default)]
+pub struct FilesSeen(HashMap<PathBuf, bool>);
+
+impl FilesSeen {
+    /// Looks for files.
+    pub fn look(paths: Vec<PathBuf>) -> Self {
+        let look = |path: PathBuf| {
+            let exists = path.exists();
+            (path, exists)
+        };
+        Self(paths.into_iter().map(look).collect())
+    }
+
+    /// Whether a file exists; `None` if it was not looked for.
+    pub fn exists(&self, path: &Path) -> Option<bool> {
+        self.0.get(path).copied()
+    }
+
+    pub fn extend(&mut self, seen: Self) {
+        self.0.extend(seen.0);
+    }
+}

@@ -1,0 +1,282 @@
+//! Decisions of a run on this machine: what news, requests and examined attempts mean, and which
+//! tasks begin.
+
+use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::ids::{AttemptId, ExternalId, PatientId};
+use cardiotwin_schemas::progress::Progress;
+use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
+use cardiotwin_workflow::patient::Patient;
+use cardiotwin_workflow::task::Task;
+
+use super::{Beginning, LocalLoop, Sight};
+use crate::dispatch::{Evidence, Executor, Found, News};
+use crate::engine::transitions::Circumstance;
+use crate::engine::watch::Tail;
+use crate::engine::world::AttemptEntry;
+use crate::engine::{EngineError, EngineEvent, StopLevel, cores, requests};
+use crate::store::outbox::Action;
+
+/// Largest number of attempts begun in one commit, so that the first ones need not wait for the
+/// commit of thousands.
+const LARGEST_GROUP: usize = 2048;
+
+impl<E: Executor> LocalLoop<E> {
+    /// Takes up an observation.
+    pub(super) fn take_up(&mut self, seen: Sight) -> Result<(), EngineError> {
+        (self.at, self.room) = (seen.at, seen.room);
+        if seen.beginning.is_some() {
+            // Waiters are registered first, because the end of an attempt that is found now
+            // concerns them.
+            for i in 0..self.world.patients.len() {
+                self.world.await_present_task(i);
+            }
+        }
+        for news in seen.news {
+            self.take_news(news)?;
+        }
+        let (told, applied) = requests::apply(&mut self.world, &mut self.decider, seen.requests)?;
+        self.decider.events.extend(told);
+        self.applied_requests.extend(applied);
+        for (attempt, found) in seen.found {
+            self.adopted += usize::from(self.take_found(&attempt, found)?);
+        }
+        for (attempt, found) in seen.stopped {
+            // An attempt that is fenced and invisible from here can publish nothing.
+            if self.world.attempts.contains_key(&attempt) && !self.take_found(&attempt, found)? {
+                self.forget(&attempt)?;
+            }
+        }
+        if let Some(Beginning { decided_by }) = seen.beginning {
+            let is_settled = |patient: &Patient| matches!(patient, Patient::Done);
+            self.decider
+                .decide_all(&mut self.world, decided_by.as_ref(), is_settled)?;
+        }
+        for (attempt, progress) in seen.progress {
+            self.tell_progress(&attempt, progress);
+        }
+        for attempt in seen.hung {
+            let timeout_s = self.settings.hang_timeout_s;
+            let reason =
+                format!("no progress for {timeout_s} s: the worker was considered hung and killed");
+            self.to_end.push((attempt.clone(), true));
+            self.hung.insert(attempt, reason);
+        }
+        self.take_stop(seen.stop);
+        Ok(())
+    }
+
+    /// Decides what depends on all decisions about patients.
+    pub(super) fn conclude(&mut self) -> Result<(), EngineError> {
+        if std::mem::take(&mut self.is_beginning) {
+            self.world.need_a_worker()?;
+            self.cancel_unwanted()?;
+            let started = EngineEvent::Started {
+                patients: self.decider.of,
+                settled: self.decider.over,
+                adopted: self.adopted,
+            };
+            self.decider.events.insert(0, started);
+        }
+        self.begin_ready()
+    }
+
+    fn take_news(&mut self, news: News) -> Result<(), EngineError> {
+        match news {
+            News::Alive { attempt, claim } => {
+                let id = ExternalId(claim.pid.to_string());
+                self.world.claimed(&attempt, claim);
+                self.world
+                    .attempt_event(&attempt, AttemptEvent::Seen { id })
+            }
+            News::Vanished { attempt } => {
+                let since_ms = self.world.now_ms;
+                self.world
+                    .attempt_event(&attempt, AttemptEvent::Vanished { since_ms })
+            }
+            News::Ended {
+                attempt,
+                mut evidence,
+                claim,
+            } => {
+                self.tails.remove(&attempt);
+                if let (Some(why), Evidence::Nothing { reason, .. }) =
+                    (self.hung.remove(&attempt), &mut evidence)
+                {
+                    *reason = why;
+                }
+                if let Some(claim) = claim {
+                    self.world.claimed(&attempt, claim);
+                }
+                let circumstance = if self.leave_until.is_some() {
+                    Circumstance::Excused
+                } else {
+                    Circumstance::Watched
+                };
+                self.decider
+                    .attempt_ended(&mut self.world, &attempt, evidence, circumstance)
+            }
+        }
+    }
+
+    /// Takes up what was found of an attempt that is not over. Returns whether its worker lives.
+    fn take_found(&mut self, attempt: &AttemptId, found: Found) -> Result<bool, EngineError> {
+        match found {
+            Found::Alive(claim) => {
+                let id = ExternalId(claim.pid.to_string());
+                self.world.claimed(attempt, claim);
+                self.world
+                    .attempt_event(attempt, AttemptEvent::Seen { id })?;
+                let directory = self.world.directory(attempt);
+                self.tails.insert(attempt.clone(), Tail::of(&directory));
+                return Ok(true);
+            }
+            Found::Over { evidence, claim } => {
+                if let Some(claim) = claim {
+                    self.world.claimed(attempt, claim);
+                }
+                self.decider.attempt_ended(
+                    &mut self.world,
+                    attempt,
+                    evidence,
+                    Circumstance::Excused,
+                )?;
+            }
+            Found::Elsewhere(claim) => {
+                self.world.claimed(attempt, claim);
+                let since_ms = self.world.now_ms;
+                self.world
+                    .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
+            }
+            Found::BeingClaimed => {
+                let since_ms = self.world.now_ms;
+                self.world
+                    .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
+            }
+            // The attempt was decided on, perhaps even spawned, but not claimed. Submitting it
+            // again is harmless, since only one process can claim it.
+            Found::Unclaimed => {
+                let pending = |action: &Action| matches!(action, Action::Submit { attempt: a } if a == attempt);
+                let state = &self.world.attempts[attempt].state;
+                if matches!(state, Attempt::Cancelling) {
+                    self.forget(attempt)?;
+                } else if !self.world.outbox.iter().any(|(_, action)| pending(action)) {
+                    self.world.put_action(Action::Submit {
+                        attempt: attempt.clone(),
+                    });
+                }
+            }
+        }
+        Ok(false)
+    }
+
+    /// Closes the books on an attempt that was ended before any worker claimed it, or that is
+    /// fenced and out of sight.
+    fn forget(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
+        let evidence = Evidence::Nothing {
+            class: FailureClass::Site,
+            reason: "ended by the coordinator".into(),
+        };
+        self.decider
+            .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
+    }
+
+    fn tell_progress(&mut self, attempt: &AttemptId, progress: Progress) {
+        let task = self.world.tasks.get(&attempt.task);
+        let Some(&i) = task.and_then(|task| task.waiters.first()) else {
+            return;
+        };
+        let row = &self.world.patients[i].row;
+        self.decider.events.push(EngineEvent::Progress {
+            patient: PatientId(row.patient.clone()),
+            step: row
+                .state
+                .step()
+                .map_or_else(String::new, |step| step.to_string()),
+            phase: progress.phase,
+            done: progress.done,
+            total: progress.total,
+            note: progress.note,
+        });
+    }
+
+    /// Cancels attempts whose tasks have no waiters any more because inputs changed while no
+    /// coordinator ran.
+    fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
+        let unwanted: Vec<AttemptId> = self
+            .world
+            .attempts
+            .iter()
+            .filter(|(_, attempt)| {
+                !attempt.state.is_final() && !matches!(attempt.state, Attempt::Cancelling)
+            })
+            .filter(|(id, _)| {
+                self.world
+                    .tasks
+                    .get(&id.task)
+                    .is_none_or(|task| task.waiters.is_empty())
+            })
+            .map(|(id, _)| id.clone())
+            .collect();
+        unwanted
+            .iter()
+            .try_for_each(|id| self.world.attempt_event(id, AttemptEvent::Cancel))
+    }
+
+    /// Begins ready tasks as far as the executor has room.
+    fn begin_ready(&mut self) -> Result<(), EngineError> {
+        if self.seen_stop > StopLevel::Run {
+            return Ok(());
+        }
+        // Attempts that are decided on but not yet submitted take room, too.
+        let waiting = |a: &&AttemptEntry| matches!(a.state, Attempt::Planned | Attempt::Submitting);
+        let mut free = self
+            .room
+            .saturating_sub(self.world.attempts.values().filter(waiting).count());
+        free = free.min(LARGEST_GROUP);
+        let active = self
+            .world
+            .attempts
+            .iter()
+            .filter(|(_, attempt)| !attempt.state.is_final());
+        let (mut others, mut alone) = (0, false);
+        for (id, _) in active {
+            others += 1;
+            alone |= self
+                .world
+                .tasks
+                .get(&id.task)
+                .is_some_and(|task| cores::takes_all(&self.settings, task));
+        }
+        while free > 0 && !alone {
+            let Some((position, key)) = self.world.ready.pop_first() else {
+                break;
+            };
+            let task = &self.world.tasks[&key];
+            if !matches!(task.state, Task::Open { .. }) || task.waiters.is_empty() {
+                continue;
+            }
+            alone = cores::takes_all(&self.settings, task);
+            if alone && others > 0 {
+                // No other task begins until all cores are free for this one.
+                self.world.ready.insert((position, key));
+                break;
+            }
+            others += 1;
+            let waiters = task.waiters.clone();
+            let attempt = self.world.begin(&key)?;
+            free -= 1;
+            for i in waiters {
+                let row = &self.world.patients[i].row;
+                self.decider.events.push(EngineEvent::TaskStarted {
+                    patient: PatientId(row.patient.clone()),
+                    step: row
+                        .state
+                        .step()
+                        .map_or_else(String::new, |step| step.to_string()),
+                    generation: attempt.generation,
+                });
+            }
+        }
+        Ok(())
+    }
+}

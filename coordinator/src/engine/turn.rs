@@ -1,0 +1,69 @@
+//! The one loop of the engine: observe, decide, commit, act.
+//!
+//! ```text
+//!        ┌──────────────► act: what was committed ──► executor, scheduler, files
+//!        │                       │
+//!     commit ◄── decide ◄── observe: news, requests, directories, queue
+//! ```
+//! Three engines take its turns, each over its own books. A run on this machine
+//! ([`local_loop`](super::local_loop)) and the tick of a run on a cluster ([`cluster`](super::cluster))
+//! keep theirs in the store; the driver inside a job ([`in_job_loop`](super::in_job_loop)) has the
+//! attempts' directories alone.
+//!
+//! Actions come only from what was committed, and their effects are observed in a later turn, not
+//! assumed. The process may therefore be killed anywhere.
+
+use std::path::PathBuf;
+
+use super::EngineError;
+use super::files_seen::FilesSeen;
+
+/// An engine over its books.
+pub trait Engine {
+    /// What an observation found.
+    type Seen: From<FilesSeen>;
+
+    /// Reads the world: processes, directories, the queue, signals, the clock.
+    async fn observe(&mut self) -> Result<Self::Seen, EngineError>;
+
+    /// Decides what follows from an observation. A decision reads and writes nothing outside the
+    /// books in memory. It returns the files of which it needs to know whether they exist, and is
+    /// called again with the answer; it is complete when it returns none.
+    fn decide(&mut self, seen: Self::Seen) -> Result<Vec<PathBuf>, EngineError>;
+
+    /// Makes the decisions durable.
+    async fn commit(&mut self) -> Result<(), EngineError>;
+
+    /// Executes committed actions. An action may be executed twice; the second time it changes
+    /// nothing.
+    async fn act(&mut self) -> Result<(), EngineError>;
+
+    /// Whether nothing is left to observe, to commit or to execute.
+    fn is_over(&self) -> bool;
+}
+
+/// Takes turns until the engine is over.
+///
+/// The effects of a turn's actions are committed with the next turn, those of the last actions at
+/// the end.
+pub async fn run<E: Engine>(engine: &mut E) -> Result<(), EngineError> {
+    loop {
+        let mut seen = engine.observe().await?;
+        loop {
+            let asked = engine.decide(seen)?;
+            if asked.is_empty() {
+                break;
+            }
+            seen = FilesSeen::look(asked).into();
+        }
+        engine.commit().await?;
+        engine.act().await?;
+        if engine.is_over() {
+            engine.commit().await?;
+            // The commit may have put further actions in the outbox.
+            if engine.is_over() {
+                return Ok(());
+            }
+        }
+    }
+}
