@@ -66,6 +66,7 @@ pub enum CaseError {
 
 /// The error of a wrong value.
 impl CaseError {
+    /// The error of a wrong value.
     pub fn key(
         file: &Path,
         key: impl Into<String>,

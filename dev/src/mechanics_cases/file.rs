@@ -11,6 +11,7 @@ use serde::Deserialize;
 #[serde(deny_unknown_fields)]
 /// Title, printed in the summary.
 pub struct CaseFile {
+    /// Title, printed in the summary.
     #[serde(default)]
     pub title: String,
     /// Mesh of the body.

@@ -31,6 +31,7 @@ use output::Table;
 #[derive(Debug, Clone, PartialEq)]
 /// Title in the file.
 pub struct CaseSummary {
+    /// Title in the file.
     pub title: String,
     /// Kind of finite elements.
     pub element: ElementKind,

@@ -180,7 +180,7 @@ mod tests {
     use cardiotwin_schemas::finite_element::{
         FiniteElementSettings, NewtonSettings, SurfaceSpring,
     };
-    use cardiotwin_schemas::muscle::PassiveTissueSettings;
+    use cardiotwin_schemas::muscle::{HolzapfelOgden, PassiveTissueSettings};
 
     use super::*;
 
