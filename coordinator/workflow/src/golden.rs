@@ -5,11 +5,11 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::attempt::AttemptEvent;
+use super::attempt::{Attempt, AttemptEvent};
 use super::chain::Chain;
 use super::cluster_job::{ClusterJob, Element, JobEvent, Submission};
 use super::patient::{Patient, PatientEvent};
-use super::task::TaskEvent;
+use super::task::{Task, TaskEvent};
 use super::tests;
 
 fn text(format: &Format) -> Value {
@@ -45,11 +45,11 @@ fn each_stored_state_is_read_as_it_was_written() {
         tests::patient_states()
     );
     assert_eq!(
-        round::<Vec<_>>(&text(&formats::TASK_STATE)),
+        round::<Vec<Task>>(&text(&formats::TASK_STATE)),
         tests::task_states()
     );
     assert_eq!(
-        round::<Vec<_>>(&text(&formats::ATTEMPT_STATE)),
+        round::<Vec<Attempt>>(&text(&formats::ATTEMPT_STATE)),
         tests::attempt_states()
     );
 }
