@@ -113,9 +113,12 @@ pub(crate) fn settings<'de, D: Deserializer<'de>>(from: D) -> Result<Settings, D
     Settings::deserialize(stored).map_err(D::Error::custom)
 }
 
-/// What a program stored of the finite-element ventricle that step 0 makes.
+/// What a program stored of the finite-element ventricle that step 0 makes; keys of a later program are left out.
 pub(crate) fn anatomy<'de, D: Deserializer<'de>>(from: D) -> Result<Option<AnatomySpec>, D::Error> {
+    static SCHEMA: OnceLock<Value> = OnceLock::new();
+    let schema = SCHEMA.get_or_init(|| schemars::schema_for!(AnatomySpec).into());
     let mut stored = Value::deserialize(from)?;
+    keep_known(&mut stored, schema);
     if let Some(table) = stored.as_object_mut() {
         add_to_wall_beside_element(table);
     }

@@ -27,7 +27,9 @@ fn database(cohort: &Cohort) -> PathBuf {
 fn with_database<T>(cohort: &Cohort, act: impl AsyncFnOnce(&mut SqliteConnection) -> T) -> T {
     let options = SqliteConnectOptions::new()
         .filename(database(cohort))
-        .create_if_missing(true);
+        .create_if_missing(true)
+        // The rows of a dump come table by table.
+        .foreign_keys(false);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()

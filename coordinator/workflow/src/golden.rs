@@ -1,7 +1,5 @@
 //! Stored states, events and chains as version 1 of each wrote them: every later version reads them.
 
-use std::path::Path;
-
 use cardiotwin_schemas::formats::{self, Format};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -15,9 +13,22 @@ use super::task::{Task, TaskEvent};
 use super::tests;
 
 fn text(format: &Format) -> Value {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let text = std::fs::read_to_string(root.join(format.golden)).unwrap();
-    serde_json::from_str(&text).unwrap()
+    let text = match *format {
+        formats::PATIENT_STATE => include_str!("../tests/golden/patient-states.json"),
+        formats::TASK_STATE => include_str!("../tests/golden/task-states.json"),
+        formats::ATTEMPT_STATE => include_str!("../tests/golden/attempt-states.json"),
+        formats::JOB_STATE => include_str!("../tests/golden/job-states.json"),
+        formats::EVENTS => include_str!("../tests/golden/events.json"),
+        formats::CHAIN => include_str!("../tests/golden/chain.json"),
+        _ => panic!("nothing here reads {}", format.golden),
+    };
+    serde_json::from_str(text).unwrap()
+}
+
+#[test]
+fn every_format_of_this_crate_is_read_here() {
+    let here = |format: &&Format| format.golden.starts_with("coordinator/workflow/");
+    assert_eq!(formats::ALL.iter().filter(here).map(text).count(), 6);
 }
 
 /// What was written is read, and is written alike.
