@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
+
 use crate::organ::{EffectSpec, WindkesselParameters};
 
 /// `cardiotwin fit afterload --json`: the three-element Windkessel of a measured flow and pressure.
@@ -31,7 +33,7 @@ pub struct AfterloadFitAnswer {
     /// The same over the pulse pressure.
     pub share_of_pulse: f64,
     /// What the residuals are worth.
-    pub noise: AfterloadNoise,
+    pub noise: EffectiveSampleSize,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,
     /// What to mind before the values are used.
@@ -99,18 +101,6 @@ pub struct AfterloadRecord {
     /// Highest less lowest pressure.
     #[serde(rename = "pulse_pressure_mmHg")]
     pub pulse_pressure_mmhg: f64,
-}
-
-/// What coloured residuals are worth.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct AfterloadNoise {
-    /// Correlation time of the residuals.
-    pub correlation_time_ms: f64,
-    /// Correlation of the residuals of neighbouring beats at the same phase; absent for one beat.
-    pub beat_correlation: Option<f64>,
-    /// Effective number of samples.
-    pub n_effective: f64,
 }
 
 /// One fitted quantity.
@@ -188,7 +178,7 @@ pub struct AfterloadDiscovery {
     /// The three elements of the final model.
     pub after: WindkesselParameters,
     /// What the residuals of the final model are worth.
-    pub noise: AfterloadNoise,
+    pub noise: EffectiveSampleSize,
     /// Effects and afterload as the organ model takes them (`model.toml`), where it can; and in words.
     pub organ: AfterloadInOrgan,
 }

@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::statistics::Moments;
+
 use crate::ids::PatientId;
 
 /// Which uncertainty is propagated.
@@ -192,19 +194,6 @@ pub struct RobustnessTable {
     pub paper_table: u32,
     /// Its columns.
     pub quantities: Vec<QuantitySpread>,
-}
-
-/// Mean, standard deviation, minimum and maximum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Moments {
-    /// Arithmetic mean.
-    pub mean: f64,
-    /// Of a sample (divisor n − 1); none for a single value.
-    pub standard_deviation: Option<f64>,
-    /// Smallest.
-    pub minimum: f64,
-    /// Largest.
-    pub maximum: f64,
 }
 
 /// A parameter or biomarker over the samples.

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::statistics::SobolIndex;
+
 use crate::sweep::GsaSpec;
 
 /// Sobol indices with intervals, and the ranking that follows from them.
@@ -85,18 +87,6 @@ pub struct PairIndices {
     pub parameters: [String; 2],
     /// Its index.
     pub second: Option<SobolIndex>,
-}
-
-/// An index with its interval, dimensionless.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SobolIndex {
-    /// The estimate.
-    pub value: f64,
-    /// Half of the interval's width; none without resamples.
-    pub half_width: Option<f64>,
-    /// Blocks that it is made of.
-    pub n_blocks: u64,
 }
 
 /// A parameter's place.

@@ -6,6 +6,9 @@
 pub mod biomarker_noise;
 pub mod biomarkers;
 pub mod cell;
+pub mod circulation;
+pub mod findings;
 pub mod label;
+pub mod statistics;
 pub mod step1;
 pub mod step1_settings;

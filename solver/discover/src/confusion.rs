@@ -4,8 +4,8 @@ use crate::fit::Fit;
 use crate::forward::Candidate;
 use crate::least_squares::Settings;
 use crate::problem::{Data, Problem};
-use crate::result::Confusable;
 use crate::search::best;
+use cardiotwin_vocabulary::findings::Confusable;
 use rayon::prelude::*;
 
 /// Misfit below which a rival cannot be told apart: odds of less than some 30 to 1 for noise of average luck.

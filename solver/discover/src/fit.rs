@@ -33,7 +33,7 @@ pub struct Fit {
     /// −2 ln(likelihood · prior) at the optimum, noise scales integrated out; up to a constant of the data.
     pub deviance: f64,
     /// −2 ln of the evidence by Laplace's approximation, up to the same constant.
-    pub evidence: f64,
+    pub neg2_log_evidence: f64,
     /// Evaluations of all starts.
     pub n_evaluations: usize,
 }
@@ -176,7 +176,7 @@ impl Problem<'_> {
                 let log_det = normal.cholesky().map_or(0.0, |c| {
                     2.0 * c.l().diagonal().iter().map(|d| d.ln()).sum::<f64>()
                 });
-                let evidence = deviance + log_det;
+                let neg2_log_evidence = deviance + log_det;
                 let z = minimum.z.clone();
                 let structure = structure.clone();
                 return Some(Fit {
@@ -187,7 +187,7 @@ impl Problem<'_> {
                     weights,
                     misfit,
                     deviance,
-                    evidence,
+                    neg2_log_evidence,
                     n_evaluations,
                 });
             }

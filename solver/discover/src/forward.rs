@@ -2,6 +2,7 @@
 
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
+use cardiotwin_vocabulary::findings::InThreeDimensions;
 
 /// A beat as it would be measured, on a uniform periodic grid.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -57,6 +58,12 @@ pub struct Candidate {
     pub artefact: bool,
     /// Fitted parameters, the strength first: prior mean of the strength is its off-value.
     pub parameters: Vec<Parameter>,
+    /// What it is, in one sentence.
+    pub meaning: String,
+    /// How the three-dimensional ventricle takes it over.
+    pub in_3d: InThreeDimensions,
+    /// What to do about an artefact.
+    pub remedy: Option<String>,
     /// Value at which the strength adds nothing.
     pub off: f64,
     /// Distance of the strength from its off-value below which it is not named.
@@ -71,7 +78,7 @@ pub struct Candidate {
     pub log_prior: f64,
     /// Evidence that it may have where nothing is missing, because the heart is of another formulation than the model: its
     /// name needs that much more. For a strength below and above its off-value.
-    pub look_alike: [f64; 2],
+    pub required_extra_evidence: [f64; 2],
     /// Side data without which it is not to be seen.
     pub hidden_because: Option<String>,
 }

@@ -2,7 +2,7 @@
 
 use crate::forward::{Forward, Prediction, Request};
 use crate::measured::Measured;
-use crate::noise::{NoiseLevels, Signal, Tolerance, pressure_signal, volume_signal};
+use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
 use nalgebra::DVector;
@@ -20,7 +20,7 @@ pub struct Data {
     /// Noise in use.
     pub levels: NoiseLevels,
     /// What the model may miss.
-    pub tolerance: Tolerance,
+    pub model_discrepancy: ModelDiscrepancy,
     /// Pressure bins.
     pub pressure: Signal,
     /// Volume frames.
@@ -30,14 +30,14 @@ pub struct Data {
 impl Data {
     /// Bins, covariances and noise levels of what was measured.
     #[must_use]
-    pub fn new(measured: Measured, tolerance: &Tolerance) -> Self {
+    pub fn new(measured: Measured, model_discrepancy: &ModelDiscrepancy) -> Self {
         let levels = NoiseLevels::of(&measured);
-        let pressure = pressure_signal(&measured, &levels, tolerance);
-        let volume = volume_signal(&measured, &levels, tolerance);
+        let pressure = pressure_signal(&measured, &levels, model_discrepancy);
+        let volume = volume_signal(&measured, &levels, model_discrepancy);
         Self {
             measured,
             levels,
-            tolerance: *tolerance,
+            model_discrepancy: *model_discrepancy,
             pressure,
             volume,
         }

@@ -1,82 +1,12 @@
 //! What the search finds, as it is written.
 
 use crate::calibration::Calibration;
-use crate::locate::Place;
-use crate::series::Series;
+use crate::locate::Phases;
+use cardiotwin_vocabulary::findings::{
+    Confusable, DiscoverSeries, GapAt, NotIdentifiable, Place, RankedEffect, Unexplained,
+};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// A candidate in the ranking.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct RankedEffect {
-    /// Name in the catalogue.
-    pub name: String,
-    /// Whether the measurement is to be corrected rather than the heart.
-    pub artefact: bool,
-    /// Probability among all candidates, the nameless ones and "nothing", from tempered evidence.
-    pub probability: f64,
-    /// Fall of the deviance less the price of its parameters, k ln n.
-    pub delta_bic: f64,
-    /// Twice the logarithm of the Bayes factor against the model without it (Laplace).
-    pub log_evidence: f64,
-    /// The same where the rest of the gap may be explained by the best nameless competitor, with it and without it.
-    #[serde(default)]
-    pub robust_evidence: f64,
-    /// Fall of the deviance.
-    pub delta_deviance: f64,
-    /// Fitted parameters.
-    pub strength: BTreeMap<String, f64>,
-    /// Intervals of 95 % by the linearised model, cut to the range.
-    pub interval: BTreeMap<String, [f64; 2]>,
-    /// Whether the strength is above the smallest meaningful one and inside its range.
-    pub plausible: bool,
-}
-
-/// What cannot be told from an accepted effect.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Confusable {
-    /// The accepted effect.
-    pub effect: String,
-    /// Its rival.
-    pub rival: String,
-    /// Misfit that the rival leaves on noise-free output of the model with the effect.
-    pub expected_misfit: f64,
-}
-
-/// A candidate that these data would not show even at a typical strength.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct NotIdentifiable {
-    /// Name in the catalogue.
-    pub name: String,
-    /// Misfit that a typical strength leaves after the base is refitted (linearised).
-    pub expected_misfit: f64,
-    /// Data that would show it.
-    pub would_show: Vec<String>,
-}
-
-/// A gap without a name.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Unexplained {
-    /// Which nameless competitor explains it best: `activation` or `discrepancy`.
-    pub kind: String,
-    /// Its evidence against the model without it.
-    pub log_evidence: f64,
-    /// Where it is largest.
-    pub place: Place,
-    /// What the discrepancy of the pressure and of the volume depends on, best first, with the share explained.
-    pub depends_on: Vec<Dependence>,
-}
-
-/// How well one variable explains a discrepancy.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Dependence {
-    /// `pressure` or `volume`.
-    pub signal: String,
-    /// The variable.
-    pub variable: String,
-    /// Share of the discrepancy's variance that a cubic of it explains, corrected for the number of coefficients.
-    pub share: f64,
-}
 
 /// Everything that is said of one patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -117,13 +47,17 @@ pub struct Discovery {
     #[serde(default)]
     pub calibration: Calibration,
     /// Where the base model disagrees.
-    pub located: Vec<Place>,
+    pub places: Vec<Place>,
     /// The same places with the accepted effects.
-    pub located_after: Vec<Place>,
+    pub where_after: Vec<Place>,
     /// Noise power seen in the pressure's high band over the stated one.
     pub noise_seen_over_stated: Option<f64>,
     /// Simulated beats' parameter sets.
     pub n_evaluations: usize,
-    /// What can be drawn and tabulated.
-    pub series: Series,
+    /// Phases of the beat.
+    pub phases: Phases,
+    /// Residuals by signal and phase, before and after, on fitted and on held-out data.
+    pub gaps: Vec<GapAt>,
+    /// What can be drawn.
+    pub series: DiscoverSeries,
 }

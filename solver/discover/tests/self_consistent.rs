@@ -5,7 +5,7 @@ use cardiotwin_discover::locate::Phases;
 use cardiotwin_discover::measured::{
     Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
 };
-use cardiotwin_discover::noise::Tolerance;
+use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
@@ -250,7 +250,7 @@ fn fitted_volumes_do_not_lie_below_the_measured_ones() {
         // Without scalars nothing but weak priors holds the volumes elsewhere.
         measured.side = SideData::default();
         let model = Reduced::new(&measured);
-        let data = Data::new(measured, &Tolerance::default());
+        let data = Data::new(measured, &ModelDiscrepancy::default());
         let problem = Problem {
             forward: &model,
             data: &data,
@@ -284,7 +284,7 @@ fn threads_do_not_change_a_bit() {
 #[test]
 fn phases_follow_the_valves_of_the_model() {
     let beat = beat(&[], &[]);
-    let data = Data::new(patient(None, 4), &Tolerance::default());
+    let data = Data::new(patient(None, 4), &ModelDiscrepancy::default());
     let phases = Phases::of(&data);
     let open = |flow: &[f64]| {
         let n = flow.len();

@@ -318,9 +318,8 @@ fn spread(name: String, original: f64, values: &[f64]) -> Option<QuantitySpread>
     })
 }
 
-fn moments(found: statistics::Moments) -> Moments {
+fn moments(found: Moments) -> Moments {
     Moments {
-        mean: found.mean,
         // Equal values spread by the mean's last bit: that is zero.
         standard_deviation: found.standard_deviation.map(|sd| {
             if sd < 1e-14 * found.mean.abs() {
@@ -329,8 +328,7 @@ fn moments(found: statistics::Moments) -> Moments {
                 sd
             }
         }),
-        minimum: found.minimum,
-        maximum: found.maximum,
+        ..found
     }
 }
 

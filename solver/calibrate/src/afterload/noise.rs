@@ -1,6 +1,7 @@
 //! How many independent samples coloured residuals are worth.
 
 use super::record::Record;
+use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
 
 /// Lags that count: up to so many correlation times (Sokal 1997, in Functional Integration, NATO ASI B 361:131).
 const WINDOW: f64 = 5.0;
@@ -37,28 +38,9 @@ impl Scale {
     }
 }
 
-/// What the residuals of a fit are worth.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Worth {
-    /// Correlation time of the residuals, ms: so far apart they are independent, twice over.
-    pub correlation_time_ms: f64,
-    /// Correlation of the residuals of one beat with those of the others at the same phase; none for one beat.
-    pub beat_correlation: Option<f64>,
-    /// Effective number of samples.
-    pub n_effective: f64,
-}
-
-impl Worth {
-    /// Samples over the effective number: by how much variances of estimates are larger than for independent residuals.
-    #[must_use]
-    pub fn inflation(&self, n_samples: usize) -> f64 {
-        n_samples as f64 / self.n_effective
-    }
-}
-
 /// Integrated autocorrelation within beats, and the design effect of beats that miss alike: a misfit which every beat
 /// repeats is seen once, not once a beat (Kish 1965, Survey Sampling, section 5.4).
-pub(super) fn worth(record: &Record, residuals: &[f64]) -> Worth {
+pub(super) fn effective_sample_size(record: &Record, residuals: &[f64]) -> EffectiveSampleSize {
     let n = residuals.len();
     let span = record.pressure_time_s[n - 1] - record.pressure_time_s[0];
     let step = span / (n - 1) as f64;
@@ -82,7 +64,7 @@ pub(super) fn worth(record: &Record, residuals: &[f64]) -> Worth {
     let beat_correlation =
         (record.n_beats() > 1).then(|| beat_correlation(record, residuals, mean));
     let design = 1.0 + (n_beats - 1.0) * beat_correlation.unwrap_or(0.0).max(0.0);
-    Worth {
+    EffectiveSampleSize {
         correlation_time_ms: 0.5e3 * tau * step,
         beat_correlation,
         n_effective: (within / design).max(2.0),

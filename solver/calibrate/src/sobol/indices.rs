@@ -15,6 +15,7 @@ use super::numpy_random::NumpyRandom;
 use super::saltelli::rows_per_block;
 use super::terms::Terms;
 use crate::normal;
+use cardiotwin_vocabulary::statistics::SobolIndex;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -40,24 +41,13 @@ impl Default for AnalysisSettings {
     }
 }
 
-/// One index, dimensionless.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Index {
-    /// The estimate.
-    pub value: f64,
-    /// Half of the interval's width around it: the resamples' standard deviation times the normal quantile.
-    pub half_width: Option<f64>,
-    /// Blocks that it is made of.
-    pub n_blocks: usize,
-}
-
 /// The second-order index of a pair.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PairIndex {
     /// The parameters' positions, the smaller one first.
     pub parameters: [usize; 2],
     /// Their index; none as in [`OutputIndices::first`].
-    pub index: Option<Index>,
+    pub index: Option<SobolIndex>,
 }
 
 /// The indices of one output.
@@ -70,9 +60,9 @@ pub struct OutputIndices {
     /// Their standard deviation (divisor n); an output that does not vary has no indices.
     pub standard_deviation: Option<f64>,
     /// First-order index of each parameter; none where fewer than two blocks have the rows, or the output does not vary.
-    pub first: Vec<Option<Index>>,
+    pub first: Vec<Option<SobolIndex>>,
     /// Total index of each parameter; none as for the first order.
-    pub total: Vec<Option<Index>>,
+    pub total: Vec<Option<SobolIndex>>,
     /// Second-order index of each pair, in the order (0, 1), (0, 2) to (D - 2, D - 1).
     pub second: Vec<PairIndex>,
     /// Total index of each resample and parameter, shape (resamples, D); not a number where there is none.
@@ -222,7 +212,7 @@ pub(super) fn pairs(n_parameters: usize) -> impl Iterator<Item = [usize; 2]> {
 }
 
 /// An index of its estimate and its resamples; resamples that hold no block with its rows do not count.
-fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<Index> {
+fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<SobolIndex> {
     let (value, resamples) = (estimate_and_resamples[0], &estimate_and_resamples[1..]);
     if n_blocks < 2 || !value.is_finite() {
         return None;
@@ -235,10 +225,10 @@ fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<Inde
         squares += difference * (v - mean);
     }
     let half_width = (n > 1.0).then(|| z * (squares / (n - 1.0)).sqrt());
-    Some(Index {
+    Some(SobolIndex {
         value,
         half_width,
-        n_blocks,
+        n_blocks: n_blocks as u64,
     })
 }
 
@@ -251,7 +241,7 @@ impl OutputIndices {
 
     /// The second-order index of a pair in either order; none for a parameter with itself.
     #[must_use]
-    pub fn second_of(&self, j: usize, k: usize) -> Option<Index> {
+    pub fn second_of(&self, j: usize, k: usize) -> Option<SobolIndex> {
         let wanted = [j.min(k), j.max(k)];
         self.second
             .iter()

@@ -294,11 +294,11 @@ fn biomarkers(traces: &BeatTraces) -> BeatBiomarkers {
     simulated_biomarkers(traces, None).map_or_else(
         |_| BeatBiomarkers::default(),
         |set| BeatBiomarkers {
-            P_max_mmHg: set.p_max.map(|p| p.0),
-            PTD90_ms: set.ptd90.map(|t| t.0),
+            P_max_mmHg: set.p_max_mmhg,
+            PTD90_ms: set.ptd90_ms,
             dPdt_max_mmHg_per_ms: set.dpdt_max_mmhg_per_ms,
             dPdt_min_mmHg_per_ms: set.dpdt_min_mmhg_per_ms,
-            SV_mL: set.sv.map(|v| v.0),
+            SV_mL: set.sv_ml,
         },
     )
 }

@@ -3,11 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::afterload::{
-    self, Estimate, Start, WindkesselFit, WindkesselFitSettings, Worth, fit_windkessel,
+    self, Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
 };
-use cardiotwin_schemas::afterload::{
-    AfterloadFitAnswer, AfterloadNoise, AfterloadQuantity, Determined,
-};
+use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadQuantity, Determined};
 use cardiotwin_schemas::organ::WindkesselParameters;
 use clap::Args;
 use serde::Serialize;
@@ -241,16 +239,6 @@ pub fn parameters(three: [f64; 3]) -> WindkesselParameters {
     }
 }
 
-/// What residuals are worth, as files have it.
-#[must_use]
-pub fn noise(worth: &Worth) -> AfterloadNoise {
-    AfterloadNoise {
-        correlation_time_ms: worth.correlation_time_ms,
-        beat_correlation: worth.beat_correlation,
-        n_effective: worth.n_effective,
-    }
-}
-
 /// A file's name in a comment: a line feed in it would end the comment.
 pub(super) fn one_line(name: &str) -> String {
     name.chars()
@@ -288,7 +276,7 @@ fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> Afterload
         periodic,
         root_mean_square_mmhg: fit.root_mean_square_mmhg,
         share_of_pulse,
-        noise: noise(&fit.worth),
+        noise: fit.sample_size,
         converged: fit.converged,
         warnings: Vec::new(),
     };

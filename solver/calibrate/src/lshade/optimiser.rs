@@ -114,9 +114,9 @@ pub enum Stage {
     Ended,
 }
 
-/// L-SHADE; serialise it after any [`AdaptiveEvolution::tell`] to go on from there bit for bit.
+/// L-SHADE; serialise it after any [`LShade::tell`] to go on from there bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct AdaptiveEvolution {
+pub struct LShade {
     settings: Settings,
     bounds: Vec<Interval>,
     /// Members in unit coordinates, the best one first once evaluated.
@@ -141,7 +141,7 @@ struct Trial {
     rate: f64,
 }
 
-impl AdaptiveEvolution {
+impl LShade {
     /// Begins with a Latin hypercube in the box; guesses (shape (any, D)) replace its first members, cut to the box.
     ///
     /// # Errors

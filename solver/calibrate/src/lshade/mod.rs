@@ -11,4 +11,4 @@ mod optimiser;
 #[cfg(test)]
 mod tests;
 
-pub use optimiser::{AdaptiveEvolution, Settings, Stage};
+pub use optimiser::{LShade, Settings, Stage};
