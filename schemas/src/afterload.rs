@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
+
 use crate::organ::{EffectSpec, WindkesselParameters};
 
 /// Result of `cardiotwin fit afterload --json`: the three-element Windkessel fitted to a measured
@@ -35,7 +37,7 @@ pub struct AfterloadFitAnswer {
     /// Root of the mean squared residual over the pulse pressure.
     pub share_of_pulse: f64,
     /// Statistics of the residuals.
-    pub noise: AfterloadNoise,
+    pub noise: EffectiveSampleSize,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,
     /// Points to check before the values are used.
@@ -106,19 +108,6 @@ pub struct AfterloadRecord {
     /// Difference between the highest and the lowest pressure.
     #[serde(rename = "pulse_pressure_mmHg")]
     pub pulse_pressure_mmhg: f64,
-}
-
-/// Statistics of correlated residuals.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct AfterloadNoise {
-    /// Correlation time of the residuals.
-    pub correlation_time_ms: f64,
-    /// Correlation of the residuals of neighbouring beats at the same phase; absent if there is one
-    /// beat.
-    pub beat_correlation: Option<f64>,
-    /// Effective number of samples.
-    pub n_effective: f64,
 }
 
 /// One fitted quantity.
@@ -200,7 +189,7 @@ pub struct AfterloadDiscovery {
     /// Windkessel of the final model.
     pub after: WindkesselParameters,
     /// Statistics of the final model's residuals.
-    pub noise: AfterloadNoise,
+    pub noise: EffectiveSampleSize,
     /// Representation of the found load in the organ model (`model.toml`).
     pub organ: AfterloadInOrgan,
 }

@@ -10,6 +10,11 @@ use crate::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
 use crate::task::InputFile;
 
+pub use cardiotwin_vocabulary::findings::{
+    ComparedSignal, Confusable, Dependence, DiscoverSeries, GapAt, InThreeDimensions,
+    NotIdentifiable, PhaseBegin, Place, RankedEffect, Side, SimulatedCurves, Unexplained,
+};
+
 /// Input of a search for missing effects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -56,157 +61,6 @@ pub struct DiscoverSpec {
     pub seed: u64,
 }
 
-/// A candidate in the ranking.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct RankedEffect {
-    /// Name in the catalogue.
-    pub name: String,
-    /// Meaning of the effect in one sentence.
-    pub meaning: String,
-    /// Whether the measurement is to be corrected rather than the heart.
-    pub artefact: bool,
-    /// Probability among all candidates, the nameless competitors and "nothing", from tempered
-    /// evidence.
-    pub probability: f64,
-    /// Fall of the deviance less k ln n, where k is the number of the effect's parameters.
-    pub delta_bic: f64,
-    /// Twice the logarithm of the Bayes factor against the model without the effect.
-    pub log_evidence: f64,
-    /// Evidence like `log_evidence`, but with the best nameless competitor allowed in both models.
-    /// It is the evidence that remains if something else is missing too.
-    #[serde(default)]
-    pub robust_evidence: f64,
-    /// Fall of the deviance.
-    pub delta_deviance: f64,
-    /// Fitted parameters; their names carry the units.
-    pub strength: BTreeMap<String, f64>,
-    /// Intervals of 95 %.
-    pub interval: BTreeMap<String, [f64; 2]>,
-    /// Whether the strength exceeds the smallest meaningful one and lies inside its range.
-    pub plausible: bool,
-    /// Representation of the effect in the three-dimensional ventricle.
-    pub in_3d: InThreeDimensions,
-    /// Recommended action for an artefact.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub remedy: Option<String>,
-}
-
-/// Representation of an effect in a finite-element ventricle.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct InThreeDimensions {
-    /// Kind of representation: `as-it-is`, `activation-map`, `passive-exponents`, `material-term`
-    /// or `cannot`.
-    pub way: String,
-    /// Derivation from the effect's parameters, or the reason why the effect cannot be represented.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub how: Option<String>,
-}
-
-/// A rival effect that the data do not distinguish from an accepted effect.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Confusable {
-    /// The accepted effect.
-    pub effect: String,
-    /// Its rival effect.
-    pub rival: String,
-    /// Misfit that the rival leaves on noise-free output of the model with the accepted effect.
-    pub expected_misfit: f64,
-}
-
-/// A candidate that the data would not show even at a typical strength.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct NotIdentifiable {
-    /// Name in the catalogue.
-    pub name: String,
-    /// Misfit that the effect leaves at a typical strength after the base model is refitted.
-    pub expected_misfit: f64,
-    /// Data that would show the effect.
-    pub would_show: Vec<String>,
-}
-
-/// A discrepancy between model and data: a signal in a phase, or a scalar.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Place {
-    /// Signal `pressure`, `pressure_rate` or `volume`, or the name of the scalar.
-    pub signal: String,
-    /// Phase of the beat; `beat` for scalars.
-    pub phase: String,
-    /// Side of the model on which the data lie.
-    pub sign: Side,
-    /// Mean of data minus model.
-    pub size: f64,
-    /// Unit of `size`: mmHg, mmHg/s or mL.
-    pub unit: String,
-    /// Ratio of `size` to its standard deviation.
-    pub z: f64,
-    /// Share of the total misfit; 0 for rows that repeat other rows.
-    pub share: f64,
-    /// Measured biomarkers that the discrepancy affects.
-    pub biomarkers: Vec<String>,
-}
-
-/// Side of the model on which the data lie.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Side {
-    /// The data lie above the model.
-    Above,
-    /// The data lie below the model.
-    Below,
-}
-
-/// A gap that no named effect explains.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Unexplained {
-    /// Nameless competitor that explains the gap best: `activation` or `discrepancy`.
-    pub kind: String,
-    /// Evidence of this competitor against the model without it.
-    pub log_evidence: f64,
-    /// Largest discrepancy of the gap.
-    pub place: Place,
-    /// Variables that explain the discrepancy of pressure and volume, best first.
-    pub depends_on: Vec<Dependence>,
-}
-
-/// How well one variable explains a discrepancy.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Dependence {
-    /// Signal, `pressure` or `volume`.
-    pub signal: String,
-    /// Variable: `time`, `volume`, `volume_rate`, `aortic_flow`, `aortic_flow_squared` or
-    /// `pressure`.
-    pub variable: String,
-    /// Share of the discrepancy's variance that a cubic of the variable explains.
-    pub share: f64,
-}
-
-/// Rms standardised residuals of a signal in a phase.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct GapAt {
-    /// Signal, `pressure` or `volume`.
-    pub signal: String,
-    /// Phase of the beat, or `beat` for the whole beat.
-    pub phase: String,
-    /// Number of samples: pressure bins or volume frames.
-    pub n: u32,
-    /// Residual of the base model.
-    pub before: f64,
-    /// Residual with the accepted effects.
-    pub after: f64,
-    /// Residual of the base model on held-out data; absent if a refit failed.
-    pub heldout_before: Option<f64>,
-    /// Residual with the accepted effects on held-out data; absent if a refit failed.
-    pub heldout_after: Option<f64>,
-}
-
 /// Measured and simulated values of a biomarker.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -219,70 +73,6 @@ pub struct BiomarkerGap {
     pub before: Option<f64>,
     /// Value with the accepted effects.
     pub after: Option<f64>,
-}
-
-/// A signal at the times of its data. All lists have as many entries as `time_ms`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct ComparedSignal {
-    /// Times of the data.
-    pub time_ms: Vec<f64>,
-    /// Pressure bins in mmHg or volume frames in mL.
-    pub measured: Vec<f64>,
-    /// Values of the base model.
-    pub before: Vec<f64>,
-    /// Values with the accepted effects.
-    pub after: Vec<f64>,
-    /// Values of the base model fitted without the block of data that contains the sample.
-    pub heldout_before: Option<Vec<f64>>,
-    /// Values with the accepted effects, fitted without the block of data that contains the sample.
-    pub heldout_after: Option<Vec<f64>>,
-    /// Standard deviation of the noise of a sample.
-    pub noise_sd: f64,
-}
-
-/// Simulated beats on a common grid.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct SimulatedCurves {
-    /// Times in the beat.
-    pub time_ms: Vec<f64>,
-    /// Pressure of the base model as it would be measured.
-    #[serde(rename = "pressure_before_mmHg")]
-    pub pressure_before_mmhg: Vec<f64>,
-    /// Pressure with the accepted effects as it would be measured.
-    #[serde(rename = "pressure_after_mmHg")]
-    pub pressure_after_mmhg: Vec<f64>,
-    /// Volume of the base model as it would be measured.
-    #[serde(rename = "volume_before_mL")]
-    pub volume_before_ml: Vec<f64>,
-    /// Volume with the accepted effects as it would be measured.
-    #[serde(rename = "volume_after_mL")]
-    pub volume_after_ml: Vec<f64>,
-}
-
-/// Curves for figures.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct DiscoverSeries {
-    /// Beginning of each phase, in the order of the beat.
-    pub phases: Vec<PhaseBegin>,
-    /// Measured and simulated pressure.
-    pub pressure: ComparedSignal,
-    /// Measured and simulated volume.
-    pub volume: ComparedSignal,
-    /// Simulated beats on a common grid.
-    pub curves: SimulatedCurves,
-}
-
-/// Beginning of a phase, which is also the end of the previous phase.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct PhaseBegin {
-    /// Name of the phase.
-    pub phase: String,
-    /// Beginning of the phase in the cycle.
-    pub begin_ms: f64,
 }
 
 /// Periodic beat with the filling pressure that the patient file states.

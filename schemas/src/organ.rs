@@ -12,6 +12,7 @@ use crate::task::InputFile;
 pub use cardiotwin_vocabulary::cell::{
     CELL_DEFAULTS, CELL_PARAMETERS, RICE_PARAMETERS, cell_default,
 };
+pub use cardiotwin_vocabulary::circulation::WindkesselParameters;
 pub use cardiotwin_vocabulary::step1::{
     Step1Parameters, TanhParameters, VALVE_PARAMETERS, ValveParameters,
 };
@@ -100,21 +101,6 @@ impl Default for CellStretch {
 pub fn is_parameter(name: &str) -> bool {
     // The passive stress belongs to a 0D cell; the organ has its own.
     name != "a_p_kPa" && (CELL_PARAMETERS.contains(&name) || VALVE_PARAMETERS.contains(&name))
-}
-
-/// Three-element Windkessel: P = R1 Q + Pc, C dPc/dt = Q − Pc/R2.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct WindkesselParameters {
-    /// Characteristic resistance R1.
-    #[serde(rename = "characteristic_resistance_mmHg_s_per_mL")]
-    pub characteristic_resistance_mmhg_s_per_ml: f64,
-    /// Peripheral resistance R2.
-    #[serde(rename = "peripheral_resistance_mmHg_s_per_mL")]
-    pub peripheral_resistance_mmhg_s_per_ml: f64,
-    /// Compliance C.
-    #[serde(rename = "compliance_mL_per_mmHg")]
-    pub compliance_ml_per_mmhg: f64,
 }
 
 /// An effect beyond the base model with its parameters. The keys of the parameters carry their

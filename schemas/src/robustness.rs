@@ -9,6 +9,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::statistics::Moments;
+
 use crate::ids::PatientId;
 
 /// Uncertainty that is propagated.
@@ -194,19 +196,6 @@ pub struct RobustnessTable {
     pub paper_table: u32,
     /// Columns of the table.
     pub quantities: Vec<QuantitySpread>,
-}
-
-/// Mean, standard deviation, minimum and maximum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Moments {
-    /// Arithmetic mean.
-    pub mean: f64,
-    /// Sample standard deviation (divisor n − 1); absent for a single value.
-    pub standard_deviation: Option<f64>,
-    /// Smallest value.
-    pub minimum: f64,
-    /// Largest value.
-    pub maximum: f64,
 }
 
 /// A parameter or biomarker over the samples.

@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::statistics::SobolIndex;
+
 use crate::sweep::GsaSpec;
 
 /// Sobol indices with intervals, and the ranking that follows from them.
@@ -89,18 +91,6 @@ pub struct PairIndices {
     pub parameters: [String; 2],
     /// Index of the pair; absent if too few samples are left or the biomarker does not vary.
     pub second: Option<SobolIndex>,
-}
-
-/// A dimensionless index with its interval.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct SobolIndex {
-    /// Estimate of the index.
-    pub value: f64,
-    /// Half-width of the interval; absent without resamples.
-    pub half_width: Option<f64>,
-    /// Number of blocks from which the index was computed.
-    pub n_blocks: u64,
 }
 
 /// Rank of a parameter.

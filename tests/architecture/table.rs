@@ -85,7 +85,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "discover",
-        may: &["units", "models", "validation"],
+        may: &["vocabulary", "units", "models", "validation"],
         why: "the search takes arrays and numbers; files stay with who calls it; validation only in examples and tests",
     },
     Rule {

@@ -65,6 +65,66 @@ cell_parameters! {
     "a_p_kPa", "a", "p", "kPa", 42.0, None, SENSITIVITY, "passive stiffness of the cell model";
 }
 
+/// Constants of Land's passive element beside its scale `a_p_kPa`, which no fit and no file moves.
+pub const PASSIVE_ELEMENT: [CellParameter; 4] = [
+    passive("b", "b", "", "", 9.1, "exponent of the parallel spring"),
+    passive("k", "k", "", "", 7.0, "serial spring over parallel spring"),
+    passive("eta_l_ms", "η", "l", "ms", 200.0, "dashpot on lengthening"),
+    passive("eta_s_ms", "η", "s", "ms", 20.0, "dashpot on shortening"),
+];
+
+const fn passive(
+    key: &'static str,
+    symbol: &'static str,
+    subscript: &'static str,
+    unit: &'static str,
+    default: f64,
+    meaning: &'static str,
+) -> CellParameter {
+    CellParameter {
+        label: Label {
+            key,
+            symbol,
+            subscript,
+            unit,
+            meaning,
+        },
+        default,
+        interval: None,
+        source: "Jung et al. 2022, Table A3",
+    }
+}
+
+/// The parameter with this key in [`CELL`] or [`PASSIVE_ELEMENT`], for constants.
+///
+/// # Panics
+/// Where neither table has the key, which in a constant is an error of the compiler.
+#[must_use]
+pub const fn constant_of_cell(key: &str) -> CellParameter {
+    let mut idx = 0;
+    while idx < CELL.len() + PASSIVE_ELEMENT.len() {
+        let parameter = if idx < CELL.len() {
+            CELL[idx]
+        } else {
+            PASSIVE_ELEMENT[idx - CELL.len()]
+        };
+        if are_equal(parameter.label.key, key) {
+            return parameter;
+        }
+        idx += 1;
+    }
+    panic!("the cell model has no parameter with this key")
+}
+
+const fn are_equal(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut idx = 0;
+    while idx < a.len() && idx < b.len() && a[idx] == b[idx] {
+        idx += 1;
+    }
+    idx == a.len() && idx == b.len()
+}
+
 /// Keys of the parameters that describe Rice's calcium transient.
 pub const RICE_PARAMETERS: [&str; 4] = ["Ca_res_uM", "Ca_max_uM", "tau_CR_ms", "tau_CD_ms"];
 
@@ -105,7 +165,8 @@ mod tests {
 
     #[test]
     fn defaults_lie_in_their_intervals_and_units_in_their_keys() {
-        for parameter in &CELL {
+        for parameter in CELL.iter().chain(&PASSIVE_ELEMENT) {
+            assert_eq!(constant_of_cell(parameter.label.key), *parameter);
             let Label { key, unit, .. } = parameter.label;
             let [lower, upper] = parameter.interval.unwrap_or([0.0, f64::INFINITY]);
             assert!((lower..=upper).contains(&parameter.default), "{key}");

@@ -7,7 +7,10 @@
 pub mod biomarker_noise;
 pub mod biomarkers;
 pub mod cell;
+pub mod circulation;
+pub mod findings;
 pub mod label;
 pub mod passive_law;
+pub mod statistics;
 pub mod step1;
 pub mod step1_settings;

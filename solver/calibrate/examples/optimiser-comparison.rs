@@ -4,9 +4,9 @@
 //!
 //! `cargo run --release -p cardiotwin-calibrate --example optimiser-comparison`
 
-use cardiotwin_calibrate::adaptive_evolution::{self, AdaptiveEvolution};
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
 use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Stage, Updating};
+use cardiotwin_calibrate::lshade::{self, LShade};
 use cardiotwin_calibrate::{Interval, statistics::median};
 use std::f64::consts::{E, TAU};
 
@@ -45,11 +45,11 @@ fn run(strategy: &str, f: Function, bounds: &[Interval], seed: u64) -> (f64, usi
     let costs = |points: Vec<Vec<f64>>| points.iter().map(|p| f(p)).collect::<Vec<_>>();
     match strategy {
         "L-SHADE" => {
-            let settings = adaptive_evolution::Settings {
+            let settings = lshade::Settings {
                 seed,
                 ..Default::default()
             };
-            let mut o = AdaptiveEvolution::new(bounds, &[], settings).unwrap();
+            let mut o = LShade::new(bounds, &[], settings).unwrap();
             while !o.is_ended() {
                 o.tell(&costs(o.ask())).unwrap();
             }

@@ -5,7 +5,6 @@
 
 #![deny(missing_docs)]
 
-pub mod adaptive_evolution;
 pub mod afterload;
 pub mod calcium_fit;
 pub mod cma_es;
@@ -16,6 +15,7 @@ mod interval;
 pub mod latin_hypercube;
 pub mod lbfgsb;
 pub mod least_squares;
+pub mod lshade;
 pub mod normal;
 pub mod polish;
 pub mod population;

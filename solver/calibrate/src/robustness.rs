@@ -8,6 +8,7 @@
 
 use crate::statistics::{mean, standard_deviation};
 use crate::{Interval, IntervalError, latin_hypercube};
+use cardiotwin_vocabulary::statistics::Moments;
 use serde::{Deserialize, Serialize};
 
 /// The paper's range of the measured biomarkers, as a fraction.
@@ -107,33 +108,18 @@ fn around(values: &[f64], range: f64) -> Vec<Interval> {
         .collect()
 }
 
-/// Mean, standard deviation, minimum and maximum of some values, in their unit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Moments {
-    /// Arithmetic mean.
-    pub mean: f64,
-    /// Sample standard deviation (divisor n − 1); `None` for a single value.
-    pub standard_deviation: Option<f64>,
-    /// Smallest value.
-    pub minimum: f64,
-    /// Largest value.
-    pub maximum: f64,
-}
-
-impl Moments {
-    /// Moments of some values; `None` for an empty slice or if a value is not finite.
-    #[must_use]
-    pub fn of(values: &[f64]) -> Option<Self> {
-        if values.is_empty() || values.iter().any(|v| !v.is_finite()) {
-            return None;
-        }
-        Some(Self {
-            mean: mean(values),
-            standard_deviation: (values.len() > 1).then(|| standard_deviation(values)),
-            minimum: values.iter().copied().fold(f64::INFINITY, f64::min),
-            maximum: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-        })
+/// Moments of some values, in their unit; none for an empty slice or values that are not finite.
+#[must_use]
+pub fn moments(values: &[f64]) -> Option<Moments> {
+    if values.is_empty() || values.iter().any(|v| !v.is_finite()) {
+        return None;
     }
+    Some(Moments {
+        mean: mean(values),
+        standard_deviation: (values.len() > 1).then(|| standard_deviation(values)),
+        minimum: values.iter().copied().fold(f64::INFINITY, f64::min),
+        maximum: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    })
 }
 
 /// One column of Tables 3 to 10: the spread of a parameter or biomarker over the samples.
@@ -160,7 +146,7 @@ impl Spread {
     #[must_use]
     pub fn of(original: f64, values: &[f64]) -> Option<Self> {
         let results: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
-        let moments = Moments::of(&results)?;
+        let of_results = moments(&results)?;
         let relative: Vec<f64> = results
             .iter()
             .map(|v| relative_error(*v, original))
@@ -169,9 +155,9 @@ impl Spread {
             original,
             n_samples: results.len(),
             n_missing: values.len() - results.len(),
-            values: moments,
-            relative_differences: Moments::of(&relative),
-            relative_spread: moments
+            values: of_results,
+            relative_differences: moments(&relative),
+            relative_spread: of_results
                 .standard_deviation
                 .map(|sd| sd / original.abs())
                 .filter(|spread| spread.is_finite()),
@@ -206,7 +192,7 @@ pub fn errors_to_targets(values: &[f64], targets: &[f64]) -> Option<Moments> {
         .map(|(v, t)| relative_error(*v, *t))
         .filter(|e| e.is_finite())
         .collect();
-    Moments::of(&errors)
+    moments(&errors)
 }
 
 #[cfg(test)]

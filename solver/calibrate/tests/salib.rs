@@ -3,7 +3,7 @@
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::sobol::{
-    AnalysisSettings, DesignSettings, Index, SaltelliDesign, SobolPoints, analyse,
+    AnalysisSettings, DesignSettings, SaltelliDesign, SobolIndex, SobolPoints, analyse,
 };
 use serde::Deserialize;
 
@@ -145,7 +145,7 @@ fn designs_indices_and_half_widths_are_salib_s() {
         };
         let analysis = analyse(case.n_parameters, 1, &values, settings).unwrap();
         let output = &analysis.outputs[0];
-        let second: Vec<Option<Index>> = output.second.iter().map(|p| p.index).collect();
+        let second: Vec<Option<SobolIndex>> = output.second.iter().map(|p| p.index).collect();
         let mut largest: f64 = 0.0;
         for (ours, values, half_widths) in [
             (&output.first, &case.S1, &case.S1_conf),
@@ -155,7 +155,7 @@ fn designs_indices_and_half_widths_are_salib_s() {
             assert_eq!(ours.len(), values.len());
             for (ours, (value, half_width)) in ours.iter().zip(values.iter().zip(half_widths)) {
                 let ours = ours.unwrap();
-                assert_eq!(ours.n_blocks, case.n_blocks);
+                assert_eq!(ours.n_blocks, case.n_blocks as u64);
                 largest = largest
                     .max((ours.value - value).abs())
                     .max((ours.half_width.unwrap() - half_width).abs());

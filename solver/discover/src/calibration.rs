@@ -1,8 +1,5 @@
-//! Small calibration errors of every measurement: offset of the pressure, delay and factor of the
-//! volume.
-//!
-//! They are part of the tolerance during a fit and are estimated afterwards, so that predictions
-//! can be compared with the data.
+//! Small calibration errors that every measurement has (offset of the pressure, shift and factor of the volume): part of the
+//! model discrepancy while a model is fitted, and estimated afterwards, so that predictions can be compared with the data.
 
 use crate::forward::Prediction;
 use crate::noise::{Whitener, slopes};
@@ -46,7 +43,7 @@ impl Calibration {
         );
         let (rp, rv) = (p.residual(&model_p), v.residual(&model_v));
         let (white_p, white_v) = (p.whitener(&model_p), v.whitener(&model_v));
-        let tolerance = &data.tolerance;
+        let discrepancy = &data.model_discrepancy;
         // A delay changes the frames by minus their slope.
         let delayed: Vec<f64> = slopes(&v.time_ms, &v.value, crate::noise::VOLUME_SLOPE_MS)
             .iter()
@@ -57,10 +54,10 @@ impl Calibration {
                 &white_p,
                 &vec![1.0; p.len()],
                 &rp,
-                tolerance.offset_mmhg,
+                discrepancy.offset_mmhg,
             ),
-            volume_delay_ms: amplitude(&white_v, &delayed, &rv, tolerance.shift_ms),
-            volume_excess: amplitude(&white_v, &model_v, &rv, tolerance.scale),
+            volume_delay_ms: amplitude(&white_v, &delayed, &rv, discrepancy.shift_ms),
+            volume_excess: amplitude(&white_v, &model_v, &rv, discrepancy.scale),
         }
     }
 

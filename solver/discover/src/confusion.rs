@@ -5,8 +5,8 @@ use crate::fit::Fit;
 use crate::forward::Candidate;
 use crate::least_squares::Settings;
 use crate::problem::{Data, Problem};
-use crate::result::Confusable;
 use crate::search::best;
+use cardiotwin_vocabulary::findings::Confusable;
 use rayon::prelude::*;
 
 /// Misfit below which a rival cannot be distinguished: the odds are less than about 30 to 1 for

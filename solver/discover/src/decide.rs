@@ -3,21 +3,22 @@
 use crate::bootstrap::p_value;
 use crate::calibration::Calibration;
 use crate::confusion::{SEPARABLE, confusables, rivals};
+use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy, Views};
 use crate::fit::Fit;
 use crate::forward::Forward;
 use crate::held_out::gap;
 use crate::least_squares::Settings as FitSettings;
-use crate::level::{Level, Search};
 use crate::locate::locate;
 use crate::measured::{Measured, MeasuredError};
-use crate::nameless::{Nameless, Views, Wide};
-use crate::noise::Tolerance;
+use crate::noise::ModelDiscrepancy;
 use crate::ranked::{not_identifiable, ranked_effects};
-use crate::result::{Discovery, Unexplained};
+use crate::result::Discovery;
 use crate::search::fit_base;
-use crate::series::Series;
+use crate::series::Tabulated;
+use crate::stage::{Search, SearchStage};
 use crate::stepwise::{Found, find};
 use crate::unexplained::depends_on;
+use cardiotwin_vocabulary::findings::Unexplained;
 use std::collections::BTreeMap;
 
 /// Settings of a search.
@@ -26,7 +27,7 @@ pub struct Settings {
     /// Settings of each fit.
     pub fit: FitSettings,
     /// Discrepancy that the model may show although no effect is missing.
-    pub tolerance: Tolerance,
+    pub model_discrepancy: ModelDiscrepancy,
     /// Smallest evidence for a name, twice the logarithm of a Bayes factor: 6 is odds of 20 to 1
     /// (Kass and Raftery 1995).
     pub least_evidence: f64,
@@ -46,7 +47,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             fit: FitSettings::default(),
-            tolerance: Tolerance::default(),
+            model_discrepancy: ModelDiscrepancy::default(),
             least_evidence: 6.0,
             false_alarm: 0.04,
             n_bootstrap: 2000,
@@ -91,7 +92,7 @@ pub fn discover(
     measured.validate()?;
     let candidates = forward.candidates();
     let among = chosen(forward, &settings.effects)?;
-    let views = Views::new(measured, &settings.tolerance);
+    let views = Views::new(measured, &settings.model_discrepancy);
     let data = &views.plain;
     let search = Search {
         views: &views,
@@ -102,7 +103,7 @@ pub fn discover(
     let problem = search.plain();
     let base = fit_base(&problem, &settings.fit).ok_or(DiscoverError::NoBaseFit)?;
     let Found {
-        levels,
+        stages,
         current,
         losses,
         held_out: (held_before, held_after),
@@ -112,9 +113,9 @@ pub fn discover(
     let base = if losses.is_empty() {
         current.clone()
     } else {
-        levels[0].wide.plain().clone()
+        stages[0].own.plain().clone()
     };
-    let nameless = levels[0].wide.nameless();
+    let nameless = stages[0].own.nameless();
     let accepted: Vec<usize> = losses.iter().map(|loss| loss.term).collect();
     let beat_of =
         |fit: &Fit| problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
@@ -130,22 +131,23 @@ pub fn discover(
     );
     let n_evaluations = base.n_evaluations
         + n_evaluations_left
-        + levels.iter().map(Level::n_evaluations).sum::<usize>()
+        + stages.iter().map(SearchStage::n_evaluations).sum::<usize>()
         + losses
             .iter()
             .flat_map(|l| &l.without.fits)
             .map(|(_, f)| f.n_evaluations)
             .sum::<usize>();
-    let effects = ranked_effects(&search, &levels, &current, &losses);
+    let effects = ranked_effects(&search, &stages, &current, &losses);
     let mut confusable = Vec::new();
-    let plain_of = |with: &Option<Wide>| with.as_ref().map(|wide| wide.plain().clone());
-    let known: Vec<Option<Fit>> = levels[accepted.len().saturating_sub(1).min(levels.len() - 1)]
+    let plain_of =
+        |with: &Option<FitsByDiscrepancy>| with.as_ref().map(|wide| wide.plain().clone());
+    let known: Vec<Option<Fit>> = stages[accepted.len().saturating_sub(1).min(stages.len() - 1)]
         .with
         .iter()
         .map(plain_of)
         .collect();
     for term in &accepted {
-        let ranked: Vec<usize> = search.ranking(&levels[0]).iter().map(|(t, _)| *t).collect();
+        let ranked: Vec<usize> = search.ranking(&stages[0]).iter().map(|(t, _)| *t).collect();
         let list: Vec<usize> = rivals(candidates, *term, &ranked, 3, &accepted)
             .into_iter()
             .filter(|t| search.among.contains(t))
@@ -173,13 +175,13 @@ pub fn discover(
     let mut seen = std::collections::BTreeSet::new();
     deciding.retain(|d| seen.insert(d.clone()));
 
-    let threshold = search.threshold(&levels[0]);
+    let threshold = search.threshold(&stages[0]);
     let unexplained = (accepted.is_empty() && nameless.1 >= threshold.max(10.0)).then(|| {
         let worst = locate(&problem, &before)
             .into_iter()
             .max_by(|a, b| a.share.total_cmp(&b.share));
         Unexplained {
-            kind: if nameless.0 == Nameless::Activation {
+            kind: if nameless.0 == DiscrepancyTerm::Activation {
                 "activation"
             } else {
                 "discrepancy"
@@ -191,8 +193,19 @@ pub fn discover(
         }
     });
     let best_gain = (0..candidates.len())
-        .filter_map(|term| levels[0].gain(term))
+        .filter_map(|term| stages[0].gain(term))
         .fold(0.0, f64::max);
+    let Tabulated {
+        phases,
+        gaps,
+        series,
+    } = Tabulated::of(
+        data,
+        &seen_before,
+        &seen_after,
+        held_before.as_ref(),
+        held_after.as_ref(),
+    );
     Ok(Discovery {
         none: accepted.is_empty(),
         accepted: accepted
@@ -202,29 +215,25 @@ pub fn discover(
         effects,
         confusable,
         deciding_measurement: deciding,
-        not_identifiable: not_identifiable(&search, &levels[0], &accepted),
+        not_identifiable: not_identifiable(&search, &stages[0], &accepted),
         unexplained,
         gap_before: gap(&problem, &seen_before),
         gap_after: gap(&problem, &seen_after),
         gap_heldout_before: held_before.as_ref().map_or(f64::NAN, |h| h.gap),
         gap_heldout_after: held_after.as_ref().map_or(f64::NAN, |h| h.gap),
-        p_value: p_value(&levels[0].maxima, best_gain),
+        p_value: p_value(&stages[0].maxima, best_gain),
         threshold,
         nameless_evidence: nameless.1,
         base: base_values(forward, &current),
         base_before: base_values(forward, &base),
         calibration,
-        located: locate(&problem, &before),
-        located_after: locate(&problem, &after),
+        places: locate(&problem, &before),
+        where_after: locate(&problem, &after),
         noise_seen_over_stated: data.levels.seen_over_stated,
         n_evaluations,
-        series: Series::of(
-            data,
-            &seen_before,
-            &seen_after,
-            held_before.as_ref(),
-            held_after.as_ref(),
-        ),
+        phases,
+        gaps,
+        series,
     })
 }
 

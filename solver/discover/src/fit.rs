@@ -36,7 +36,7 @@ pub struct Fit {
     /// constant of the data.
     pub deviance: f64,
     /// −2 ln of the evidence by Laplace's approximation, up to the same constant.
-    pub evidence: f64,
+    pub neg2_log_evidence: f64,
     /// Number of evaluations over all rounds of the fit.
     pub n_evaluations: usize,
 }
@@ -183,7 +183,7 @@ impl Problem<'_> {
                 let log_det = normal.cholesky().map_or(0.0, |c| {
                     2.0 * c.l().diagonal().iter().map(|d| d.ln()).sum::<f64>()
                 });
-                let evidence = deviance + log_det;
+                let neg2_log_evidence = deviance + log_det;
                 let z = minimum.z.clone();
                 let structure = structure.clone();
                 return Some(Fit {
@@ -194,7 +194,7 @@ impl Problem<'_> {
                     weights,
                     misfit,
                     deviance,
-                    evidence,
+                    neg2_log_evidence,
                     n_evaluations,
                 });
             }

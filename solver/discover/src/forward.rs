@@ -2,6 +2,7 @@
 
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
+use cardiotwin_vocabulary::findings::InThreeDimensions;
 
 /// A beat as it would be measured, on a uniform periodic grid.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -57,6 +58,12 @@ pub struct Candidate {
     pub artefact: bool,
     /// Fitted parameters, the strength first. The prior mean of the strength is its off-value.
     pub parameters: Vec<Parameter>,
+    /// What it is, in one sentence.
+    pub meaning: String,
+    /// How the three-dimensional ventricle takes it over.
+    pub in_3d: InThreeDimensions,
+    /// What to do about an artefact.
+    pub remedy: Option<String>,
     /// Strength at which the effect vanishes.
     pub off: f64,
     /// Distance of the strength from its off-value below which it is not named.
@@ -73,7 +80,7 @@ pub struct Candidate {
     /// Evidence that the effect may have although nothing is missing, because heart and model are
     /// formulated differently. A name needs this much additional evidence. The values are for a
     /// strength below and above the off-value.
-    pub look_alike: [f64; 2],
+    pub required_extra_evidence: [f64; 2],
     /// Side data without which the effect cannot be seen.
     pub hidden_because: Option<String>,
 }

@@ -4,6 +4,7 @@
 use crate::forward::Prediction;
 use crate::noise::slopes;
 use crate::problem::{Data, Problem};
+use cardiotwin_vocabulary::findings::{Place, Side};
 use serde::{Deserialize, Serialize};
 
 /// Start times of the phases within the cycle \[ms\], in order. The last phase ends where the first
@@ -134,26 +135,35 @@ impl Phases {
     }
 }
 
-/// One row of the table: a signal in a phase, or a scalar.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Place {
-    /// `pressure`, `pressure_rate`, `volume`, or the name of the scalar.
-    pub signal: String,
-    /// Name of the phase; `beat` for scalars.
-    pub phase: String,
-    /// Mean of data minus model: mmHg, mmHg/s or mL.
-    pub size: f64,
-    /// `size` over its standard deviation due to noise and tolerance.
-    pub z: f64,
-    /// Share of the total misfit, the sum of squared white residuals; `None` for derived rows.
-    pub share: f64,
-    /// Measured biomarkers that the row affects.
-    pub biomarkers: Vec<String>,
+/// One row of the table: a signal in a phase, or a scalar, whose phase is `beat`.
+///
+/// - `size`: mean of data minus model, in mmHg, mmHg/s or mL; `sd`: its standard deviation by noise and model discrepancy
+/// - `share`: of the sum of squared white residuals; zero for derived rows
+fn place(
+    (signal, phase): (&str, &str),
+    (size, sd, share): (f64, f64, f64),
+    biomarkers: &[&str],
+) -> Place {
+    let unit = match signal {
+        "pressure_rate" => "mmHg/s",
+        "volume" | "end_diastolic_volume" | "forward_stroke_volume" | "whole_heart_volume" => "mL",
+        _ => "mmHg",
+    };
+    Place {
+        signal: signal.to_owned(),
+        phase: phase.to_owned(),
+        sign: if size < 0.0 { Side::Below } else { Side::Above },
+        size,
+        unit: unit.to_owned(),
+        z: size / sd,
+        share,
+        biomarkers: biomarkers.iter().map(|name| (*name).to_owned()).collect(),
+    }
 }
 
 /// Biomarkers that a signal in a phase affects.
-fn biomarkers(signal: &str, phase: usize) -> Vec<String> {
-    let names: &[&str] = match (signal, phase) {
+fn biomarkers(signal: &str, phase: usize) -> &'static [&'static str] {
+    match (signal, phase) {
         ("pressure", 0) => &["dPdt_max", "PTD90"],
         ("pressure", 1 | 2) => &["P_max"],
         ("pressure", 3) => &["dPdt_min", "PTD90"],
@@ -165,8 +175,7 @@ fn biomarkers(signal: &str, phase: usize) -> Vec<String> {
         ("volume", 4 | 5) => &["tau_VR"],
         ("volume", 6) => &["EDV", "SV"],
         _ => &[],
-    };
-    names.iter().map(|n| (*n).to_owned()).collect()
+    }
 }
 
 /// Compares a beat with the data, by signal and phase.
@@ -192,27 +201,19 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
             }
             let n = inside.len() as f64;
             let size = inside.iter().map(|i| residual[*i]).sum::<f64>() / n;
-            places.push(Place {
-                signal: name.to_owned(),
-                phase: (*phase_name).to_owned(),
-                size,
-                z: size / signal.mean_sd(&inside, &model),
-                share: inside.iter().map(|i| white[*i] * white[*i]).sum(),
-                biomarkers: biomarkers(name, phase),
-            });
+            let share = inside.iter().map(|i| white[*i] * white[*i]).sum();
+            places.push(place(
+                (name, phase_name),
+                (size, signal.mean_sd(&inside, &model), share),
+                biomarkers(name, phase),
+            ));
         }
     }
     let side = &data.measured.side;
     let mut scalar = |name: &str, measured: f64, model: f64, sd: f64, biomarkers: &[&str]| {
         let size = measured - model;
-        places.push(Place {
-            signal: name.to_owned(),
-            phase: "beat".to_owned(),
-            size,
-            z: size / sd,
-            share: (size / sd).powi(2),
-            biomarkers: biomarkers.iter().map(|b| (*b).to_owned()).collect(),
-        });
+        let share = (size / sd).powi(2);
+        places.push(place((name, "beat"), (size, sd, share), biomarkers));
     };
     if let Some(cuff) = side.cuff {
         scalar(
@@ -267,15 +268,7 @@ fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
     };
     let mut rows = Vec::new();
     let mut row = |signal: &str, phase: &str, size: f64, sd: f64, biomarker: &str| {
-        let biomarkers = vec![biomarker.to_owned()];
-        rows.push(Place {
-            signal: signal.to_owned(),
-            phase: phase.to_owned(),
-            size,
-            z: size / sd,
-            share: 0.0,
-            biomarkers,
-        });
+        rows.push(place((signal, phase), (size, sd, 0.0), &[biomarker]));
     };
     for (name, signal, trace, width, biomarker) in [
         (

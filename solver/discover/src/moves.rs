@@ -1,9 +1,9 @@
 //! Exchange and removal of accepted effects.
 
+use crate::discrepancy::{ALWAYS, DiscrepancyTerm, FitsByDiscrepancy, fit_by_discrepancy};
 use crate::fit::Fit;
-use crate::level::{BARE_MENTION, Level, Search};
-use crate::nameless::{ALWAYS, Nameless, Wide, widen};
 use crate::search::{add_term, refit};
+use crate::stage::{BARE_MENTION, Search, SearchStage};
 use rayon::prelude::*;
 
 /// An accepted effect and the loss without it.
@@ -18,7 +18,7 @@ pub struct Loss {
     /// Loss of evidence with the best competitor on either side.
     pub robust: f64,
     /// The structure without the effect.
-    pub without: Wide,
+    pub without: FitsByDiscrepancy,
 }
 
 /// Whether two fits have the same effects, in any order.
@@ -32,7 +32,7 @@ pub fn same_terms(a: &Fit, b: &Fit) -> bool {
 
 impl Search<'_> {
     /// Refits a structure after removal of one of its terms.
-    fn without(&self, kind: Nameless, current: &Fit, term: usize) -> Option<Fit> {
+    fn without(&self, kind: DiscrepancyTerm, current: &Fit, term: usize) -> Option<Fit> {
         let at = self.offset(current, term);
         let mut z = current.z.clone();
         z.drain(at..at + self.forward.candidates()[term].parameters.len());
@@ -50,30 +50,35 @@ impl Search<'_> {
     /// The structure without one of its terms, with all competitors. It takes the better of a refit
     /// from `current` and an earlier fit in `levels`.
     #[must_use]
-    pub fn lacking(&self, current: &Wide, term: usize, levels: &[Level]) -> Option<Wide> {
-        let found: Vec<(Nameless, Option<Fit>)> = current
+    pub fn lacking(
+        &self,
+        current: &FitsByDiscrepancy,
+        term: usize,
+        stages: &[SearchStage],
+    ) -> Option<FitsByDiscrepancy> {
+        let found: Vec<(DiscrepancyTerm, Option<Fit>)> = current
             .fits
             .par_iter()
             .map(|(kind, fit)| (*kind, self.without(*kind, fit, term)))
             .collect();
-        let mut fits: Vec<(Nameless, Fit)> = found
+        let mut fits: Vec<(DiscrepancyTerm, Fit)> = found
             .into_iter()
             .filter_map(|(kind, fit)| Some((kind, fit?)))
             .collect();
         if fits
             .first()
-            .is_none_or(|(kind, _)| *kind != Nameless::Nothing)
+            .is_none_or(|(kind, _)| *kind != DiscrepancyTerm::Nothing)
         {
             return None;
         }
-        let known: Vec<(Nameless, Fit)> = (levels.iter())
-            .filter(|level| same_terms(level.wide.plain(), &fits[0].1))
-            .flat_map(|level| {
-                level
-                    .wide
+        let known: Vec<(DiscrepancyTerm, Fit)> = (stages.iter())
+            .filter(|stage| same_terms(stage.own.plain(), &fits[0].1))
+            .flat_map(|stage| {
+                stage
+                    .own
                     .fits
                     .iter()
-                    .filter(|(kind, _)| *kind != Nameless::Unnamed(term))
+                    .filter(|(kind, _)| *kind != DiscrepancyTerm::Unnamed(term))
                     .cloned()
             })
             .collect();
@@ -84,17 +89,17 @@ impl Search<'_> {
                 None => fits.push((kind, fit)),
             }
         }
-        Some(Wide { fits })
+        Some(FitsByDiscrepancy { fits })
     }
 
     /// Fits a structure with all competitors.
     #[must_use]
-    pub fn widened(&self, fit: Fit, kinds: &[Nameless]) -> Wide {
-        widen(
+    pub fn with_discrepancies(&self, fit: Fit, kinds: &[DiscrepancyTerm]) -> FitsByDiscrepancy {
+        fit_by_discrepancy(
             self.views,
             self.forward,
-            Wide {
-                fits: vec![(Nameless::Nothing, fit)],
+            FitsByDiscrepancy {
+                fits: vec![(DiscrepancyTerm::Nothing, fit)],
             },
             kinds,
             &self.settings.fit,
@@ -103,16 +108,16 @@ impl Search<'_> {
 
     /// Losses without each effect, the largest first.
     #[must_use]
-    pub fn losses(&self, current: &Wide, levels: &[Level]) -> Vec<Loss> {
+    pub fn losses(&self, current: &FitsByDiscrepancy, stages: &[SearchStage]) -> Vec<Loss> {
         let fit = current.plain();
         let mut list: Vec<Loss> = (fit.structure.terms.iter())
             .filter_map(|term| {
-                let without = self.lacking(current, *term, levels)?;
+                let without = self.lacking(current, *term, stages)?;
                 Some(Loss {
                     term: *term,
-                    plain: without.plain().evidence - fit.evidence,
+                    plain: without.plain().neg2_log_evidence - fit.neg2_log_evidence,
                     deviance: without.plain().deviance - fit.deviance,
-                    robust: without.evidence() - current.evidence(),
+                    robust: without.neg2_log_evidence() - current.neg2_log_evidence(),
                     without,
                 })
             })
@@ -126,16 +131,16 @@ impl Search<'_> {
     #[must_use]
     pub fn exchanged(
         &self,
-        current: &Wide,
+        current: &FitsByDiscrepancy,
         alternatives: &[usize],
-        unnamed: &[Nameless],
-    ) -> Option<Wide> {
+        unnamed: &[DiscrepancyTerm],
+    ) -> Option<FitsByDiscrepancy> {
         let candidates = self.forward.candidates();
-        let kinds: Vec<Nameless> = ALWAYS.iter().chain(unnamed).copied().collect();
+        let kinds: Vec<DiscrepancyTerm> = ALWAYS.iter().chain(unnamed).copied().collect();
         let fit = current.plain();
-        let mut better: Option<(f64, Wide)> = None;
+        let mut better: Option<(f64, FitsByDiscrepancy)> = None;
         for term in &fit.structure.terms {
-            let Some(without) = self.without(Nameless::Nothing, fit, *term) else {
+            let Some(without) = self.without(DiscrepancyTerm::Nothing, fit, *term) else {
                 continue;
             };
             for other in alternatives
@@ -148,7 +153,7 @@ impl Search<'_> {
                 };
                 let prior = candidates[*other].log_prior - candidates[*term].log_prior;
                 // Fits with competitors cost five times more, and are made only if they may matter.
-                if with.evidence - prior > fit.evidence + 5.0 * BARE_MENTION
+                if with.neg2_log_evidence - prior > fit.neg2_log_evidence + 5.0 * BARE_MENTION
                     || !with
                         .structure
                         .terms
@@ -157,8 +162,8 @@ impl Search<'_> {
                 {
                     continue;
                 }
-                let with = self.widened(with, &kinds);
-                let gain = current.evidence() - with.evidence() + prior;
+                let with = self.with_discrepancies(with, &kinds);
+                let gain = current.neg2_log_evidence() - with.neg2_log_evidence() + prior;
                 if gain
                     > better
                         .as_ref()

@@ -122,7 +122,7 @@ fn high_band_power(measured: &Measured, tau_ms: f64) -> Option<f64> {
 /// It is part of the covariance, so that neither a timing error of one or two milliseconds nor a
 /// smooth bend of half a mmHg is mistaken for an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tolerance {
+pub struct ModelDiscrepancy {
     /// Standard deviation of the timing error \[ms\], correlated over
     /// [`Self::timing_correlation_ms`].
     pub timing_ms: f64,
@@ -146,7 +146,7 @@ pub struct Tolerance {
     pub scale: f64,
 }
 
-impl Default for Tolerance {
+impl Default for ModelDiscrepancy {
     fn default() -> Self {
         Self {
             timing_ms: 0.5,
@@ -163,7 +163,7 @@ impl Default for Tolerance {
     }
 }
 
-impl Tolerance {
+impl ModelDiscrepancy {
     /// Tolerance of the nameless competitor that explains a gap by smooth errors of pressure and
     /// volume.
     #[must_use]
@@ -369,9 +369,13 @@ fn packed_inverse_factor(covariance: &DMatrix<f64>) -> (Vec<f64>, f64) {
 /// Width of a pressure bin \[ms\].
 pub const BIN_MS: f64 = 4.0;
 
-/// Pressure in bins, with coloured noise and tolerance.
+/// Bins of the pressure with coloured noise and model discrepancy.
 #[must_use]
-pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tolerance) -> Signal {
+pub fn pressure_signal(
+    measured: &Measured,
+    levels: &NoiseLevels,
+    model_discrepancy: &ModelDiscrepancy,
+) -> Signal {
     let n_bins = (measured.cycle_ms / BIN_MS).floor() as usize;
     let width = measured.cycle_ms / n_bins as f64;
     let mut members: Vec<Vec<usize>> = vec![Vec::new(); n_bins];
@@ -411,13 +415,13 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
                 }
                 sum / (members[i].len() * members[j].len()) as f64
             };
-            let timing = tolerance.timing_ms.powi(2)
+            let timing = model_discrepancy.timing_ms.powi(2)
                 * slope[i]
                 * slope[j]
-                * bell(dt, tolerance.timing_correlation_ms);
-            let smooth =
-                tolerance.pressure_mmhg.powi(2) * bell(dt, tolerance.pressure_correlation_ms);
-            let c = rms * rms * noise + timing + smooth + tolerance.offset_mmhg.powi(2);
+                * bell(dt, model_discrepancy.timing_correlation_ms);
+            let smooth = model_discrepancy.pressure_mmhg.powi(2)
+                * bell(dt, model_discrepancy.pressure_correlation_ms);
+            let c = rms * rms * noise + timing + smooth + model_discrepancy.offset_mmhg.powi(2);
             covariance[(i, j)] = c;
             covariance[(j, i)] = c;
         }
@@ -428,9 +432,13 @@ pub fn pressure_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &To
 /// Half-width of the interval of the straight line that gives the slope of the frames \[ms\].
 pub(crate) const VOLUME_SLOPE_MS: f64 = 45.0;
 
-/// Volume frames with weakly correlated noise and tolerance.
+/// Volume frames with weakly correlated noise and model discrepancy.
 #[must_use]
-pub fn volume_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tolerance) -> Signal {
+pub fn volume_signal(
+    measured: &Measured,
+    levels: &NoiseLevels,
+    model_discrepancy: &ModelDiscrepancy,
+) -> Signal {
     let time = measured.frame_time_ms.clone();
     let value = measured.frame_volume_ml.clone();
     let slope = slopes(&time, &value, VOLUME_SLOPE_MS);
@@ -439,19 +447,20 @@ pub fn volume_signal(measured: &Measured, levels: &NoiseLevels, tolerance: &Tole
     let covariance = DMatrix::from_fn(n, n, |i, j| {
         let dt = time[i] - time[j];
         let noise = rms * rms * FRAME_CORRELATION.powi((i as i32 - j as i32).abs());
-        let timing = tolerance.timing_ms.powi(2)
+        let timing = model_discrepancy.timing_ms.powi(2)
             * slope[i]
             * slope[j]
-            * bell(dt, tolerance.timing_correlation_ms);
+            * bell(dt, model_discrepancy.timing_correlation_ms);
         // Slopes of the data may replace slopes of the model here. An error of the data is not
         // correlated with its own slope, so that a shift biases no fit to one side.
-        let shift = tolerance.shift_ms.powi(2) * slope[i] * slope[j];
+        let shift = model_discrepancy.shift_ms.powi(2) * slope[i] * slope[j];
         noise
             + timing
             + shift
-            + tolerance.volume_ml.powi(2) * bell(dt, tolerance.volume_correlation_ms)
+            + model_discrepancy.volume_ml.powi(2)
+                * bell(dt, model_discrepancy.volume_correlation_ms)
     });
-    Signal::new(time, value, rms, covariance, tolerance.scale)
+    Signal::new(time, value, rms, covariance, model_discrepancy.scale)
 }
 
 fn bell(dt: f64, length: f64) -> f64 {
@@ -490,15 +499,15 @@ mod tests {
 
     const CYCLE: usize = 900;
 
-    fn none() -> Tolerance {
-        Tolerance {
+    fn none() -> ModelDiscrepancy {
+        ModelDiscrepancy {
             timing_ms: 0.0,
             pressure_mmhg: 0.0,
             volume_ml: 0.0,
             offset_mmhg: 0.0,
             shift_ms: 0.0,
             scale: 0.0,
-            ..Tolerance::default()
+            ..ModelDiscrepancy::default()
         }
     }
 
@@ -668,7 +677,7 @@ mod tests {
     #[test]
     fn the_common_factor_is_a_rank_one_term_of_the_covariance() {
         let measured = noise_only(1.3, 11.0, 1.3, 6);
-        let only_factor = Tolerance {
+        let only_factor = ModelDiscrepancy {
             scale: 0.02,
             ..none()
         };
@@ -691,7 +700,7 @@ mod tests {
 
     #[test]
     fn a_common_volume_factor_does_not_pull_the_fit_below_the_data() {
-        let only_factor = Tolerance {
+        let only_factor = ModelDiscrepancy {
             scale: 0.02,
             ..none()
         };

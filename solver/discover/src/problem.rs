@@ -3,7 +3,7 @@
 
 use crate::forward::{Forward, Prediction, Request};
 use crate::measured::Measured;
-use crate::noise::{NoiseLevels, Signal, Tolerance, pressure_signal, volume_signal};
+use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
 use nalgebra::DVector;
@@ -21,7 +21,7 @@ pub struct Data {
     /// Noise levels of the fits.
     pub levels: NoiseLevels,
     /// Discrepancy that the model may show although no effect is missing.
-    pub tolerance: Tolerance,
+    pub model_discrepancy: ModelDiscrepancy,
     /// Pressure in bins.
     pub pressure: Signal,
     /// Volume of the frames.
@@ -31,14 +31,14 @@ pub struct Data {
 impl Data {
     /// Computes bins, covariances and noise levels of measured data.
     #[must_use]
-    pub fn new(measured: Measured, tolerance: &Tolerance) -> Self {
+    pub fn new(measured: Measured, model_discrepancy: &ModelDiscrepancy) -> Self {
         let levels = NoiseLevels::of(&measured);
-        let pressure = pressure_signal(&measured, &levels, tolerance);
-        let volume = volume_signal(&measured, &levels, tolerance);
+        let pressure = pressure_signal(&measured, &levels, model_discrepancy);
+        let volume = volume_signal(&measured, &levels, model_discrepancy);
         Self {
             measured,
             levels,
-            tolerance: *tolerance,
+            model_discrepancy: *model_discrepancy,
             pressure,
             volume,
         }

@@ -3,9 +3,9 @@
 
 use crate::bootstrap::Tangent;
 use crate::fit::Fit;
-use crate::level::{Level, Search};
 use crate::moves::Loss;
-use crate::result::{NotIdentifiable, RankedEffect};
+use crate::stage::{Search, SearchStage};
+use cardiotwin_vocabulary::findings::{NotIdentifiable, RankedEffect};
 use std::collections::BTreeMap;
 
 /// Misfit below which a typical strength cannot be shown.
@@ -15,7 +15,7 @@ const SHOWN: f64 = 6.0;
 /// the others by evidence, each added to the base alone.
 pub(crate) fn ranked_effects(
     search: &Search<'_>,
-    levels: &[Level],
+    stages: &[SearchStage],
     current: &Fit,
     losses: &[Loss],
 ) -> Vec<RankedEffect> {
@@ -40,6 +40,7 @@ pub(crate) fn ranked_effects(
         }
         RankedEffect {
             name: candidates[term].name.clone(),
+            meaning: candidates[term].meaning.clone(),
             artefact: candidates[term].artefact,
             probability,
             delta_bic: delta_deviance - parameters.len() as f64 * ln_n,
@@ -49,17 +50,19 @@ pub(crate) fn ranked_effects(
             strength,
             interval,
             plausible: search.plausible(fit, term),
+            in_3d: candidates[term].in_3d.clone(),
+            remedy: candidates[term].remedy.clone(),
         }
     };
     let mut effects: Vec<RankedEffect> = Vec::new();
     for loss in losses {
-        // The last level at which the effect was fitted as a candidate, beside the others.
-        let level = levels
+        // The last stage that lacks it, where it was fitted: beside the others.
+        let stage = stages
             .iter()
             .rev()
-            .find(|level| level.with[loss.term].is_some())
-            .unwrap_or(&levels[0]);
-        let probability = probability(search, level, loss.term);
+            .find(|stage| stage.with[loss.term].is_some())
+            .unwrap_or(&stages[0]);
+        let probability = probability(search, stage, loss.term);
         effects.push(row(
             loss.term,
             current,
@@ -67,44 +70,42 @@ pub(crate) fn ranked_effects(
             probability,
         ));
     }
-    let level = &levels[0];
-    for (term, _) in search.ranking(level) {
+    let stage = &stages[0];
+    for (term, _) in search.ranking(stage) {
         if losses.iter().any(|loss| loss.term == term) {
             continue;
         }
         let (Some(with), Some(plain), Some(robust)) =
-            (&level.with[term], level.gain(term), level.robust_gain(term))
+            (&stage.with[term], stage.gain(term), stage.robust_gain(term))
         else {
             continue;
         };
-        let delta_deviance = level.wide.plain().deviance - with.plain().deviance;
+        let delta_deviance = stage.own.plain().deviance - with.plain().deviance;
         effects.push(row(
             term,
             with.plain(),
             (delta_deviance, plain, robust),
-            probability(search, level, term),
+            probability(search, stage, term),
         ));
     }
     effects
 }
 
-/// Weight of a candidate among all candidates of its level, the nameless ones and "nothing more".
-///
-/// The weights are tempered if even the best model does not fit the data, because weights of wrong
-/// models are too close to zero and one (Yang and Zhu 2018).
-fn probability(search: &Search<'_>, level: &Level, term: usize) -> f64 {
-    let ranking = search.ranking(level);
+/// Weight of a candidate among all of its stage, the nameless ones and "nothing more"; tempered where even the best model
+/// misses the data (Yang and Zhu 2018: weights of wrong models are too near to zero and one).
+fn probability(search: &Search<'_>, stage: &SearchStage, term: usize) -> f64 {
+    let ranking = search.ranking(stage);
     let data = &search.views.plain;
     let n = (data.pressure.len() + data.volume.len()) as f64;
     let best = ranking
         .first()
-        .and_then(|(t, _)| level.with[*t].as_ref())
-        .unwrap_or(&level.wide)
+        .and_then(|(t, _)| stage.with[*t].as_ref())
+        .unwrap_or(&stage.own)
         .plain();
     let excess = (best.misfit.pressure + best.misfit.volume) / n;
     let heat = 0.5 * (1.0 / excess).min(1.0);
     // The structure itself: 0 with its best competitor, and less without any.
-    let nothing = level.wide.evidence() - level.wide.plain().evidence;
+    let nothing = stage.own.neg2_log_evidence() - stage.own.plain().neg2_log_evidence;
     let top = ranking.first().map_or(0.0, |(_, gain)| gain.max(0.0));
     let weight = |gain: f64| (heat * (gain - top)).exp();
     let sum: f64 =
@@ -118,19 +119,19 @@ fn probability(search: &Search<'_>, level: &Level, term: usize) -> f64 {
 /// Candidates whose typical strength would not show in these data.
 pub(crate) fn not_identifiable(
     search: &Search<'_>,
-    level: &Level,
+    stage: &SearchStage,
     accepted: &[usize],
 ) -> Vec<NotIdentifiable> {
     let candidates = search.forward.candidates();
     let mut list = Vec::new();
     for term in &search.among {
-        let expected = level
+        let expected = stage
             .tangents
             .iter()
             .filter(|t| t.term == *term)
             .map(Tangent::expected_misfit)
             .fold(0.0, f64::max);
-        let seen = level.gain(*term).is_some_and(|gain| gain >= 0.5 * SHOWN);
+        let seen = stage.gain(*term).is_some_and(|gain| gain >= 0.5 * SHOWN);
         if expected < SHOWN && !seen && !accepted.contains(term) {
             let mut would_show = candidates[*term].separated_by.clone();
             would_show.extend(candidates[*term].hidden_because.clone());

@@ -13,7 +13,8 @@ use cardiotwin_models::effects::{
 use cardiotwin_models::periodic::{Orbit, PeriodicSettings, find};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_vocabulary::findings::InThreeDimensions;
 
 /// Time step of a simulated beat \[ms\].
 const STEP: Ms = Ms(2.0);
@@ -34,7 +35,7 @@ const RARE: (&str, f64) = ("ventricular_septal_defect", -2.2);
 /// resembles stiffness, and leaflets with a closing time resemble a delayed volume. The values are
 /// the evidence of this resemblance for a strength below and above the off-value. They are
 /// calibrated on null cases of the other formulation (docs/missing-effects.md).
-const LOOK_ALIKE: [(&str, [f64; 2]); 3] = [
+const REQUIRED_EXTRA_EVIDENCE: [(&str, [f64; 2]); 3] = [
     ("dyssynchrony", [0.0, 12.0]),
     ("passive_stiffening", [0.0, 6.0]),
     ("pv_misalignment", [0.0, 8.0]),
@@ -214,6 +215,9 @@ fn candidate(effect: &'static Effect) -> Candidate {
     }
     Candidate {
         name: effect.name.to_owned(),
+        meaning: effect.meaning.to_owned(),
+        in_3d: in_3d(effect.in_3d),
+        remedy: effect.remedy.map(str::to_owned),
         artefact: effect.kind == Kind::Artefact,
         parameters,
         off,
@@ -230,11 +234,30 @@ fn candidate(effect: &'static Effect) -> Candidate {
             .map(|s| (*s).to_owned())
             .collect(),
         log_prior: if effect.name == RARE.0 { RARE.1 } else { 0.0 },
-        look_alike: LOOK_ALIKE
+        required_extra_evidence: REQUIRED_EXTRA_EVIDENCE
             .iter()
             .find(|(name, _)| *name == effect.name)
-            .map_or([0.0; 2], |(_, evidence)| *evidence),
+            .map_or([0.0; 2], |(_, extra)| *extra),
         hidden_because: effect.hidden_because.map(str::to_owned),
+    }
+}
+
+fn in_3d(declared: effects::InThreeDimensions) -> InThreeDimensions {
+    use effects::InThreeDimensions as Declared;
+    let (way, how) = match declared {
+        Declared::AsItIs => ("as-it-is", None),
+        Declared::ActivationMap { how } => ("activation-map", Some(how.to_owned())),
+        Declared::PassiveExponents { factor } => {
+            let how =
+                format!("all exponents of Guccione's law times {factor}; its scale is fitted anew");
+            ("passive-exponents", Some(how))
+        }
+        Declared::MaterialTerm { how } => ("material-term", Some(how.to_owned())),
+        Declared::Cannot { why } => ("cannot", Some(why.to_owned())),
+    };
+    InThreeDimensions {
+        way: way.to_owned(),
+        how,
     }
 }
 
@@ -283,9 +306,9 @@ impl Reduced {
             aortic_forward: MmhgSPerMl(x[9]),
             aortic_backward: LeftHeart::BACKWARD,
             windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(x[6]),
-                peripheral_resistance: MmhgSPerMl(x[7]),
-                compliance: MlPerMmhg(x[8]),
+                characteristic_resistance_mmhg_s_per_ml: x[6],
+                peripheral_resistance_mmhg_s_per_ml: x[7],
+                compliance_ml_per_mmhg: x[8],
             },
             start: StartPressure::DiastolicCuff(Mmhg(75.0)),
             cycle_length: self.cycle,

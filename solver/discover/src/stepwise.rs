@@ -1,12 +1,12 @@
 //! Search over structures: effects are added, exchanged and removed until the data support no
 //! further change.
 
+use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy};
 use crate::fit::Fit;
 use crate::held_out::{HeldOut, held_out};
-use crate::level::{Level, Search};
 use crate::moves::{Loss, same_terms};
-use crate::nameless::{Nameless, Wide};
 use crate::search::RISE;
+use crate::stage::{Search, SearchStage};
 
 /// Number of the ranking's first candidates that are tried in place of an accepted effect.
 const N_SWAPS: usize = 4;
@@ -20,80 +20,80 @@ const HELD_OUT_RISE: f64 = 1.02;
 /// Result of the search over structures.
 pub(crate) struct Found {
     /// One level per number of effects, the base first.
-    pub levels: Vec<Level>,
+    pub stages: Vec<SearchStage>,
     /// The final structure.
-    pub current: Wide,
+    pub current: FitsByDiscrepancy,
     /// Loss without each accepted effect, the largest first.
     pub losses: Vec<Loss>,
     /// Predictions for held-out data, without and with the effects.
     pub held_out: (Option<HeldOut>, Option<HeldOut>),
-    /// Number of evaluations of levels that were abandoned.
+    /// Evaluations of stages that were left.
     pub n_evaluations_left: usize,
 }
 
 /// Adds, exchanges and removes effects. The search continues from the remaining structure if that
 /// is new or fits better than before.
 pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
-    let mut levels: Vec<Level> = Vec::new();
+    let mut stages: Vec<SearchStage> = Vec::new();
     let mut start = base.clone();
     let mut n_evaluations_left = 0;
     let mut returns = 0;
     loop {
-        let grown = grow(search, &mut levels, start);
+        let grown = grow(search, &mut stages, start);
         let Pruned {
             left,
             losses,
             held_out,
-        } = prune(search, &levels, grown);
+        } = prune(search, &stages, grown);
         let n_terms = left.plain().structure.terms.len();
-        let known = levels
+        let known = stages
             .iter()
-            .find(|level| same_terms(level.wide.plain(), left.plain()));
-        let dropped = levels
+            .find(|stage| same_terms(stage.own.plain(), left.plain()));
+        let dropped = stages
             .last()
-            .is_some_and(|level| level.wide.plain().structure.terms.len() > n_terms);
+            .is_some_and(|stage| stage.own.plain().structure.terms.len() > n_terms);
         let better =
-            known.is_none_or(|level| left.plain().deviance < level.wide.plain().deviance - RISE);
+            known.is_none_or(|stage| left.plain().deviance < stage.own.plain().deviance - RISE);
         if !dropped || !better || returns == RETURNS {
             return Found {
-                levels,
+                stages,
                 current: left,
                 losses,
                 held_out,
                 n_evaluations_left,
             };
         }
-        n_evaluations_left += levels
+        n_evaluations_left += stages
             .drain(n_terms..)
-            .map(|level| level.n_evaluations())
+            .map(|stage| stage.n_evaluations())
             .sum::<usize>();
         start = left.plain().clone();
         returns += 1;
     }
 }
 
-/// Adds and exchanges effects as long as the data support it, with one level per number of effects.
-fn grow(search: &Search<'_>, levels: &mut Vec<Level>, start: Fit) -> Wide {
-    let mut current = Wide {
-        fits: vec![(Nameless::Nothing, start)],
+/// Adds effects to a fit, and exchanges them, as long as the data ask for more; one stage for each number of effects.
+fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsByDiscrepancy {
+    let mut current = FitsByDiscrepancy {
+        fits: vec![(DiscrepancyTerm::Nothing, start)],
     };
-    let mut unnamed: Vec<Nameless> = levels.iter().flat_map(Level::unnamed).collect();
+    let mut unnamed: Vec<DiscrepancyTerm> = stages.iter().flat_map(SearchStage::unnamed).collect();
     loop {
-        let level = search.level(current.plain(), levels.len() as u64);
-        unnamed.extend(level.unnamed());
+        let stage = search.stage(current.plain(), stages.len() as u64);
+        unnamed.extend(stage.unnamed());
         unnamed.dedup();
-        current = level.wide.clone();
+        current = stage.own.clone();
         let n_terms = current.plain().structure.terms.len();
         let next = search
-            .next(&level)
+            .next(&stage)
             .filter(|_| n_terms < search.settings.max_effects);
-        let next = next.and_then(|term| level.with[term].clone());
-        levels.push(level);
+        let next = next.and_then(|term| stage.with[term].clone());
+        stages.push(stage);
         let Some(next) = next else { return current };
         current = next;
         if n_terms > 0 {
             let alternatives: Vec<usize> = search
-                .ranking(&levels[0])
+                .ranking(&stages[0])
                 .iter()
                 .take(N_SWAPS + 1)
                 .map(|(term, _)| *term)
@@ -107,21 +107,22 @@ fn grow(search: &Search<'_>, levels: &mut Vec<Level>, start: Fit) -> Wide {
 
 /// A structure from which nothing can be removed.
 struct Pruned {
-    left: Wide,
+    left: FitsByDiscrepancy,
     losses: Vec<Loss>,
     held_out: (Option<HeldOut>, Option<HeldOut>),
 }
 
 /// Removes effects, the least important first, that the data no longer support or that held-out
 /// data do not confirm. A later effect may have replaced an earlier one.
-fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
-    let threshold = search.threshold(&levels[0]);
+fn prune(search: &Search<'_>, stages: &[SearchStage], mut current: FitsByDiscrepancy) -> Pruned {
+    let threshold = search.threshold(&stages[0]);
     let predict = |fit: &Fit| held_out(&search.plain(), fit, &search.settings.fit);
     let mut before = None;
     loop {
-        let mut losses = search.losses(&current, levels);
+        let mut losses = search.losses(&current, stages);
         let kept = |loss: &Loss| {
-            let nameless = loss.without.plain().evidence - loss.without.evidence();
+            let nameless =
+                loss.without.plain().neg2_log_evidence - loss.without.neg2_log_evidence();
             let needed = search.needed(current.plain(), loss.term, threshold);
             Search::enough((loss.plain, loss.robust, nameless), needed)
         };
@@ -138,7 +139,7 @@ fn prune(search: &Search<'_>, levels: &[Level], mut current: Wide) -> Pruned {
             };
         }
         let without = before
-            .get_or_insert_with(|| predict(levels[0].wide.plain()))
+            .get_or_insert_with(|| predict(stages[0].own.plain()))
             .clone();
         let with = predict(current.plain());
         let confirmed = with

@@ -3,7 +3,7 @@
 use crate::forward::Prediction;
 use crate::noise::slopes;
 use crate::problem::Data;
-use crate::result::Dependence;
+use cardiotwin_vocabulary::findings::Dependence;
 use nalgebra::{DMatrix, DVector};
 
 /// Number of polynomial coefficients besides the constant.

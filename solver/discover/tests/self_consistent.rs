@@ -6,7 +6,7 @@ use cardiotwin_discover::locate::Phases;
 use cardiotwin_discover::measured::{
     Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
 };
-use cardiotwin_discover::noise::Tolerance;
+use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
@@ -252,7 +252,7 @@ fn fitted_volumes_do_not_lie_below_the_measured_ones() {
         // Without scalars, only weak priors could hold the volumes elsewhere.
         measured.side = SideData::default();
         let model = Reduced::new(&measured);
-        let data = Data::new(measured, &Tolerance::default());
+        let data = Data::new(measured, &ModelDiscrepancy::default());
         let problem = Problem {
             forward: &model,
             data: &data,
@@ -286,7 +286,7 @@ fn threads_do_not_change_a_bit() {
 #[test]
 fn phases_follow_the_valves_of_the_model() {
     let beat = beat(&[], &[]);
-    let data = Data::new(patient(None, 4), &Tolerance::default());
+    let data = Data::new(patient(None, 4), &ModelDiscrepancy::default());
     let phases = Phases::of(&data);
     let open = |flow: &[f64]| {
         let n = flow.len();

@@ -9,7 +9,7 @@ use cardiotwin_models::ventricle::{
     ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
     PassiveStateInput, PassiveStateMode,
 };
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, Ms};
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 
@@ -31,9 +31,9 @@ fn run(contraction: GroupContraction, record_nodes: bool) -> f64 {
         aortic_forward: LeftHeart::FORWARD,
         aortic_backward: LeftHeart::BACKWARD,
         windkessel: WindkesselParameters {
-            characteristic_resistance: MmhgSPerMl(0.0523),
-            peripheral_resistance: MmhgSPerMl(0.4934),
-            compliance: MlPerMmhg(2.0263),
+            characteristic_resistance_mmhg_s_per_ml: 0.0523,
+            peripheral_resistance_mmhg_s_per_ml: 0.4934,
+            compliance_ml_per_mmhg: 2.0263,
         },
         start: StartPressure::DiastolicCuff(Mmhg(68.7)),
         cycle_length: CYCLE,

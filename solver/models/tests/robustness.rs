@@ -13,7 +13,7 @@ use cardiotwin_models::ventricle::{
     ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
     PassiveStateInput, PassiveStateMode,
 };
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -140,9 +140,9 @@ proptest! {
             aortic_forward: MmhgSPerMl(10f64.powf(log_r_av)),
             aortic_backward: LeftHeart::BACKWARD,
             windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(0.05),
-                peripheral_resistance: MmhgSPerMl(100.0 / edv),
-                compliance: MlPerMmhg(edv / 90.0),
+                characteristic_resistance_mmhg_s_per_ml: 0.05,
+                peripheral_resistance_mmhg_s_per_ml: 100.0 / edv,
+                compliance_ml_per_mmhg: edv / 90.0,
             },
             start: StartPressure::StrokeVolume(Ml(0.6 * edv)),
             cycle_length,

@@ -15,7 +15,7 @@ use cardiotwin_models::ventricle::{
     OneFibreVentricle, PassiveStateInput, PassiveStateMode, passive_state,
 };
 use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, Ms};
 
 struct Patient {
     id: &'static str,
@@ -94,15 +94,15 @@ impl Patient {
             aortic_forward: LeftHeart::FORWARD,
             aortic_backward: LeftHeart::BACKWARD,
             windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(key(
+                characteristic_resistance_mmhg_s_per_ml: key(
                     "afterload",
                     "characteristic_resistance_mmHg_s_per_mL",
-                )),
-                peripheral_resistance: MmhgSPerMl(key(
+                ),
+                peripheral_resistance_mmhg_s_per_ml: key(
                     "afterload",
                     "peripheral_resistance_mmHg_s_per_mL",
-                )),
-                compliance: MlPerMmhg(key("afterload", "compliance_mL_per_mmHg")),
+                ),
+                compliance_ml_per_mmhg: key("afterload", "compliance_mL_per_mmHg"),
             },
             start: StartPressure::DiastolicCuff(Mmhg(key(
                 "measured.aortic_pressure",

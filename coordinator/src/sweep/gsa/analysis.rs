@@ -1,13 +1,12 @@
 //! Indices and ranking from samples. The module only computes statistics and simulates nothing.
 
 use cardiotwin_calibrate::sobol::{
-    Analysis, AnalysisSettings, Exclusion, Index, OutputIndices, Ranking, SobolError, analyse,
+    Analysis, AnalysisSettings, Exclusion, OutputIndices, Ranking, SobolError, analyse,
     replace_excluded,
 };
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::sensitivity::{
     OutputSensitivity, PairIndices, ParameterIndices, RankedParameter, SensitivityRecord,
-    SobolIndex,
 };
 use cardiotwin_schemas::sweep::GsaSpec;
 
@@ -129,8 +128,8 @@ fn outputs(
             .zip(output.first.iter().zip(&output.total))
             .map(|(name, (first, total))| ParameterIndices {
                 name: (*name).to_owned(),
-                first: first.map(index),
-                total: total.map(index),
+                first: *first,
+                total: *total,
             })
             .collect(),
         second: output
@@ -138,19 +137,11 @@ fn outputs(
             .iter()
             .map(|pair| PairIndices {
                 parameters: pair.parameters.map(|p| names[p].to_owned()),
-                second: pair.index.map(index),
+                second: pair.index,
             })
             .collect(),
     };
     analysis.outputs.iter().enumerate().map(of).collect()
-}
-
-fn index(index: Index) -> SobolIndex {
-    SobolIndex {
-        value: index.value,
-        half_width: index.half_width,
-        n_blocks: index.n_blocks as u64,
-    }
 }
 
 /// - `of_cell`: whether the sweep is the cell's, for which alone a reference exists
@@ -231,12 +222,9 @@ mod tests {
                 .iter()
                 .zip(own.first.iter().zip(&own.total))
             {
-                assert_eq!(
-                    (parameter.first, parameter.total),
-                    (first.map(index), total.map(index))
-                );
+                assert_eq!((parameter.first, parameter.total), (*first, *total));
             }
-            assert_eq!(output.second[0].second, own.second[0].index.map(index));
+            assert_eq!(output.second[0].second, own.second[0].index);
         }
         assert_eq!(
             record.outputs[4].parameters[0].total, None,

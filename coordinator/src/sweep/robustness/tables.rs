@@ -323,9 +323,8 @@ fn spread(name: String, original: f64, values: &[f64]) -> Option<QuantitySpread>
     })
 }
 
-fn moments(found: statistics::Moments) -> Moments {
+fn moments(found: Moments) -> Moments {
     Moments {
-        mean: found.mean,
         // The standard deviation of equal values is the rounding error of their mean, which stands
         // for zero.
         standard_deviation: found.standard_deviation.map(|sd| {
@@ -335,8 +334,7 @@ fn moments(found: statistics::Moments) -> Moments {
                 sd
             }
         }),
-        minimum: found.minimum,
-        maximum: found.maximum,
+        ..found
     }
 }
 

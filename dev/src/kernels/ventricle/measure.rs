@@ -295,12 +295,12 @@ pub(super) fn anew() -> f64 {
 fn biomarkers(traces: &BeatTraces) -> BeatBiomarkers {
     simulated_biomarkers(traces, None).map_or_else(
         |_| BeatBiomarkers::default(),
-        |read| BeatBiomarkers {
-            P_max_mmHg: read.values.p_max_mmhg,
-            PTD90_ms: read.values.ptd90_ms,
-            dPdt_max_mmHg_per_ms: read.values.dpdt_max_mmhg_per_ms,
-            dPdt_min_mmHg_per_ms: read.values.dpdt_min_mmhg_per_ms,
-            SV_mL: read.values.sv_ml,
+        |set| BeatBiomarkers {
+            P_max_mmHg: set.p_max_mmhg,
+            PTD90_ms: set.ptd90_ms,
+            dPdt_max_mmHg_per_ms: set.dpdt_max_mmhg_per_ms,
+            dPdt_min_mmHg_per_ms: set.dpdt_min_mmhg_per_ms,
+            SV_mL: set.sv_ml,
         },
     )
 }

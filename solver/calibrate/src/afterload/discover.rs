@@ -5,12 +5,13 @@ use super::AfterloadError;
 use super::effects::{EFFECTS, Effect, HIDDEN};
 use super::held_out::Folds;
 use super::nameless::{self, Nameless};
-use super::noise::{self, Scale, Worth};
+use super::noise::{self, Scale};
 use super::problem::{Problem, TOLERANCE};
 use super::record::Record;
 use super::simulate::{Start, pressure};
 use crate::least_squares::Fit;
 use crate::normal;
+use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
 
 /// Settings of a search.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,7 +90,7 @@ pub struct Stage {
     /// Probability of the nameless competitor.
     pub nameless_probability: f64,
     /// Effective number of samples and correlations of the residuals.
-    pub worth: Worth,
+    pub sample_size: EffectiveSampleSize,
 }
 
 /// Misfits before and after the search, root of the mean square, mmHg.
@@ -146,7 +147,7 @@ pub struct Discovery {
     /// Pressure of the final model at the samples of the record, mmHg.
     pub pressure_after_mmhg: Vec<f64>,
     /// Effective number of samples of the final model's residuals.
-    pub worth: Worth,
+    pub sample_size: EffectiveSampleSize,
 }
 
 /// A model with its fit.
@@ -279,9 +280,9 @@ impl<'a> Search<'a> {
             .min_by(|a, b| a.fit.sum_of_squares.total_cmp(&b.fit.sum_of_squares))
             .filter(|best| best.fit.sum_of_squares < model.fit.sum_of_squares)
             .unwrap_or(model);
-        let worth = noise::worth(self.record, &self.residuals(richest));
-        let n_effective = worth.n_effective;
-        let folds = Folds::new(self.record, &worth);
+        let sample_size = noise::effective_sample_size(self.record, &self.residuals(richest));
+        let n_effective = sample_size.n_effective;
+        let folds = Folds::new(self.record, &sample_size);
         let held_out = self.held_out(model, &folds)?;
         let mut rated = Vec::new();
         for fitted in tried {
@@ -333,7 +334,7 @@ impl<'a> Search<'a> {
             none_probability: weight(0.0) / sum,
             nameless_probability: weight(nameless_bic) / sum,
             nameless,
-            worth,
+            sample_size,
         };
         Ok((stage, best))
     }
@@ -353,14 +354,14 @@ impl<'a> Search<'a> {
                 .filter(|e| one.effects.iter().all(|had| had.name != e.name))
             {
                 let both = self.with(&one, second)?;
-                let worth = noise::worth(self.record, &self.residuals(&both));
-                let evidence = self.delta_bic(model, &both, worth.n_effective);
+                let sample_size = noise::effective_sample_size(self.record, &self.residuals(&both));
+                let evidence = self.delta_bic(model, &both, sample_size.n_effective);
                 if evidence < 2.0 * self.settings.threshold
                     || best.as_ref().is_some_and(|b| b.0 >= evidence)
                 {
                     continue;
                 }
-                let folds = Folds::new(self.record, &worth);
+                let folds = Folds::new(self.record, &sample_size);
                 let held_out = self.held_out(model, &folds)?;
                 if self
                     .refused(&both, 2, evidence, held_out, &folds)?
@@ -378,7 +379,8 @@ impl<'a> Search<'a> {
         if model.effects.is_empty() {
             return Ok(true);
         }
-        let n_effective = noise::worth(self.record, &self.residuals(model)).n_effective;
+        let n_effective =
+            noise::effective_sample_size(self.record, &self.residuals(model)).n_effective;
         let nameless = nameless::fit(&self.problem(&[]), &base.fit, n_effective)?;
         let named = self.delta_bic(base, model, n_effective);
         Ok(named
@@ -462,7 +464,8 @@ impl<'a> Search<'a> {
         if model.effects.len() < 2 {
             return Ok(model);
         }
-        let n_effective = noise::worth(self.record, &self.residuals(&model)).n_effective;
+        let n_effective =
+            noise::effective_sample_size(self.record, &self.residuals(&model)).n_effective;
         for k in (0..model.effects.len()).rev() {
             let mut others = model.effects.clone();
             let dropped = others.remove(k);
@@ -528,9 +531,9 @@ impl<'a> Search<'a> {
         stages: Vec<Stage>,
     ) -> Result<Discovery, AfterloadError> {
         let residuals = self.residuals(&model);
-        let worth = noise::worth(self.record, &residuals);
-        let n_effective = worth.n_effective;
-        let folds = Folds::new(self.record, &worth);
+        let sample_size = noise::effective_sample_size(self.record, &residuals);
+        let n_effective = sample_size.n_effective;
+        let folds = Folds::new(self.record, &sample_size);
         let n = self.record.n_samples() as f64;
         let rms = |m: &Fitted| (m.fit.sum_of_squares / n).sqrt();
         let gap = Gap {
@@ -579,7 +582,7 @@ impl<'a> Search<'a> {
             after: self.three(&model),
             pressure_before_mmhg: model_pressure(&self.residuals(&base)),
             pressure_after_mmhg: model_pressure(&residuals),
-            worth,
+            sample_size,
             stages,
         })
     }

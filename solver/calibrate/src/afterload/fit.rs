@@ -32,9 +32,10 @@ pub fn fit_windkessel(
     let problem = Problem::new(record, settings.start, &[]);
     let fit = problem.fit_base(Settings::default())?;
     let residuals = problem.all_residuals(&fit.parameters);
-    let worth = noise::worth(record, &residuals);
+    let sample_size = noise::effective_sample_size(record, &residuals);
     let z = normal::quantile(0.5 + 0.5 * level);
-    let inflation = worth.inflation(record.n_samples());
+    // By how much variances of estimates are larger than for independent residuals.
+    let inflation = record.n_samples() as f64 / sample_size.n_effective;
     let profiles = Profiles {
         problem: &problem,
         fit: &fit,
@@ -79,7 +80,7 @@ pub fn fit_windkessel(
         correlations: correlations(&problem, x),
         n_samples: residuals.len(),
         root_mean_square_mmhg: rms,
-        worth,
+        sample_size,
         converged: fit.converged,
         residuals_mmhg: residuals,
     })

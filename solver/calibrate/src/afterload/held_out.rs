@@ -1,7 +1,7 @@
 //! Division of a record into parts that are held out of a fit in turn.
 
-use super::noise::Worth;
 use super::record::Record;
+use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
 
 /// Largest number of parts.
 const MOST_FOLDS: usize = 5;
@@ -22,7 +22,7 @@ pub(super) struct Folds {
 
 impl Folds {
     /// Divides the record by beats if there are at least three, else by blocks within the beat.
-    pub(super) fn new(record: &Record, worth: &Worth) -> Self {
+    pub(super) fn new(record: &Record, sample_size: &EffectiveSampleSize) -> Self {
         let time = &record.pressure_time_s;
         if record.n_beats() >= 3 {
             let n = record.n_beats().min(MOST_FOLDS);
@@ -33,7 +33,7 @@ impl Folds {
             };
         }
         let length_ms = 1e3 * (time[time.len() - 1] - time[0]);
-        let block = SHORTEST_BLOCK_MS.max(3.0 * worth.correlation_time_ms);
+        let block = SHORTEST_BLOCK_MS.max(3.0 * sample_size.correlation_time_ms);
         let n_blocks = ((length_ms / block).floor() as usize).max(BLOCK_FOLDS);
         let width = 1e-3 * length_ms / n_blocks as f64;
         let of = time

@@ -21,6 +21,7 @@ mod simulate;
 #[cfg(test)]
 mod tests;
 
+pub use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
 pub use cuff::{CUFF_SD_MMHG, Cuff, CuffFit, USUAL_SHARE, fit_cuff};
 pub use discover::{
     Candidate, Confusable, Discovery, DiscoverySettings, Found, Gap, Stage, discover,
@@ -29,7 +30,6 @@ pub use effects::{EFFECTS, Effect, HIDDEN, Kind};
 pub use ejected::ejected;
 pub use fit::fit_windkessel;
 pub use nameless::{Dependence, Nameless};
-pub use noise::Worth;
 pub use parameters::Parameter;
 pub use record::Record;
 pub use simulate::{Start, simulate};
@@ -182,8 +182,8 @@ pub struct WindkesselFit {
     pub n_samples: usize,
     /// Root of the mean squared residual, mmHg.
     pub root_mean_square_mmhg: f64,
-    /// Effective number of samples and correlations of the residuals.
-    pub worth: Worth,
+    /// Of the residuals.
+    pub sample_size: EffectiveSampleSize,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,
     /// Model minus measured pressure at the samples of the record, mmHg.

@@ -1,6 +1,7 @@
 //! Effective number of independent samples in coloured residuals.
 
 use super::record::Record;
+use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
 
 /// Number of correlation times up to which lags count (Sokal 1997, in Functional Integration, NATO
 /// ASI B 361:131).
@@ -39,31 +40,10 @@ impl Scale {
     }
 }
 
-/// Correlations and effective number of samples of a fit's residuals.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Worth {
-    /// Correlation time of the residuals, ms. Residuals twice as far apart are independent.
-    pub correlation_time_ms: f64,
-    /// Correlation between the residuals of neighbouring beats at the same phase; `None` for one
-    /// beat.
-    pub beat_correlation: Option<f64>,
-    /// Effective number of samples.
-    pub n_effective: f64,
-}
-
-impl Worth {
-    /// Number of samples over the effective number, the factor by which variances of estimates
-    /// exceed those for independent residuals.
-    #[must_use]
-    pub fn inflation(&self, n_samples: usize) -> f64 {
-        n_samples as f64 / self.n_effective
-    }
-}
-
 /// Computes the integrated autocorrelation within beats and the design effect of beats with similar
 /// misfits. A misfit that every beat repeats is observed once, not once per beat (Kish 1965, Survey
 /// Sampling, section 5.4).
-pub(super) fn worth(record: &Record, residuals: &[f64]) -> Worth {
+pub(super) fn effective_sample_size(record: &Record, residuals: &[f64]) -> EffectiveSampleSize {
     let n = residuals.len();
     let span = record.pressure_time_s[n - 1] - record.pressure_time_s[0];
     let step = span / (n - 1) as f64;
@@ -87,7 +67,7 @@ pub(super) fn worth(record: &Record, residuals: &[f64]) -> Worth {
     let beat_correlation =
         (record.n_beats() > 1).then(|| beat_correlation(record, residuals, mean));
     let design = 1.0 + (n_beats - 1.0) * beat_correlation.unwrap_or(0.0).max(0.0);
-    Worth {
+    EffectiveSampleSize {
         correlation_time_ms: 0.5e3 * tau * step,
         beat_correlation,
         n_effective: (within / design).max(2.0),

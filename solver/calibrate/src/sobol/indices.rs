@@ -18,6 +18,7 @@ use super::numpy_random::NumpyRandom;
 use super::saltelli::rows_per_block;
 use super::terms::Terms;
 use crate::normal;
+use cardiotwin_vocabulary::statistics::SobolIndex;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -43,25 +44,13 @@ impl Default for AnalysisSettings {
     }
 }
 
-/// One index, dimensionless.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Index {
-    /// The estimate.
-    pub value: f64,
-    /// Half-width of the interval: the standard deviation of the resamples times the normal
-    /// quantile; `None` with fewer than two resamples.
-    pub half_width: Option<f64>,
-    /// Number of blocks that the index is computed from.
-    pub n_blocks: usize,
-}
-
 /// The second-order index of a pair.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PairIndex {
     /// Indices of the two parameters, the smaller one first.
     pub parameters: [usize; 2],
     /// Their index; `None` under the conditions of [`OutputIndices::first`].
-    pub index: Option<Index>,
+    pub index: Option<SobolIndex>,
 }
 
 /// The indices of one output.
@@ -76,9 +65,9 @@ pub struct OutputIndices {
     pub standard_deviation: Option<f64>,
     /// First-order index of each parameter; `None` if fewer than two blocks have the rows, or the
     /// output does not vary.
-    pub first: Vec<Option<Index>>,
+    pub first: Vec<Option<SobolIndex>>,
     /// Total index of each parameter; `None` under the conditions of [`Self::first`].
-    pub total: Vec<Option<Index>>,
+    pub total: Vec<Option<SobolIndex>>,
     /// Second-order index of each pair, in the order (0, 1), (0, 2) to (D - 2, D - 1).
     pub second: Vec<PairIndex>,
     /// Total index per resample and parameter, shape (resamples, D); NaN where there is none.
@@ -230,7 +219,7 @@ pub(super) fn pairs(n_parameters: usize) -> impl Iterator<Item = [usize; 2]> {
 
 /// An index from its estimate and its resamples. Resamples without a block that has its rows do not
 /// count.
-fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<Index> {
+fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<SobolIndex> {
     let (value, resamples) = (estimate_and_resamples[0], &estimate_and_resamples[1..]);
     if n_blocks < 2 || !value.is_finite() {
         return None;
@@ -243,10 +232,10 @@ fn index(estimate_and_resamples: &[f64], n_blocks: usize, z: f64) -> Option<Inde
         squares += difference * (v - mean);
     }
     let half_width = (n > 1.0).then(|| z * (squares / (n - 1.0)).sqrt());
-    Some(Index {
+    Some(SobolIndex {
         value,
         half_width,
-        n_blocks,
+        n_blocks: n_blocks as u64,
     })
 }
 
@@ -260,7 +249,7 @@ impl OutputIndices {
 
     /// Second-order index of a pair in either order; `None` for a parameter with itself.
     #[must_use]
-    pub fn second_of(&self, j: usize, k: usize) -> Option<Index> {
+    pub fn second_of(&self, j: usize, k: usize) -> Option<SobolIndex> {
         let wanted = [j.min(k), j.max(k)];
         self.second
             .iter()

@@ -17,9 +17,10 @@ mod terms;
 #[cfg(test)]
 mod tests;
 
+pub use cardiotwin_vocabulary::statistics::SobolIndex;
 pub use error::SobolError;
 pub use exclusion::{Exclusion, Sample, replace_excluded};
-pub use indices::{Analysis, AnalysisSettings, Index, OutputIndices, PairIndex, analyse};
+pub use indices::{Analysis, AnalysisSettings, OutputIndices, PairIndex, analyse};
 pub use points::SobolPoints;
 pub use ranking::{Ranked, Ranking};
 pub use saltelli::{DesignSettings, SaltelliDesign};

@@ -24,7 +24,7 @@ fn ishigami(x: &[f64]) -> f64 {
     x[0].sin() + 7.0 * x[1].sin().powi(2) + 0.1 * x[2].powi(4) * x[0].sin()
 }
 
-fn value(index: Option<Index>) -> f64 {
+fn value(index: Option<SobolIndex>) -> f64 {
     index.unwrap().value
 }
 
@@ -113,7 +113,7 @@ fn failures_are_dropped_pairwise() {
     failed[block * 8 + ab_1] = f64::NAN;
     let output = &analyse(3, 1, &failed, settings).unwrap().outputs[0];
     assert_eq!(output.n_failed_rows, 1);
-    let n = |i: Option<Index>| i.unwrap().n_blocks;
+    let n = |i: Option<SobolIndex>| i.unwrap().n_blocks;
     assert_eq!(
         output.first.iter().map(|i| n(*i)).collect::<Vec<_>>(),
         [64, 63, 64]
@@ -247,7 +247,7 @@ fn intervals_cover() {
             let values = evaluate(&design, |x| x[0] + x[1] + x[0] * x[1]);
             let analysis = analyse(2, 1, &values, AnalysisSettings::default()).unwrap();
             // Variances 1/3, 1/3, 1/9: totals 4/7.
-            let covers = |i: Index| (i.value - 4.0 / 7.0).abs() <= i.half_width.unwrap();
+            let covers = |i: SobolIndex| (i.value - 4.0 / 7.0).abs() <= i.half_width.unwrap();
             analysis.outputs[0]
                 .total
                 .iter()

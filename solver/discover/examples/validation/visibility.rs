@@ -8,7 +8,7 @@ use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::{
     Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
 };
-use cardiotwin_discover::noise::Tolerance;
+use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::{add_term, fit_base};
 use cardiotwin_validation::{Case, Side};
@@ -78,7 +78,7 @@ pub fn noise_free(case: &Case) -> Measured {
 pub fn of(case: &Case) -> Visibility {
     let measured = noise_free(case);
     let forward = Reduced::new(&measured);
-    let data = Data::new(measured, &Tolerance::default());
+    let data = Data::new(measured, &ModelDiscrepancy::default());
     let problem = Problem {
         forward: &forward,
         data: &data,

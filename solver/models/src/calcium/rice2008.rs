@@ -9,15 +9,15 @@ use cardiotwin_vector_math::Number;
 
 parameters! {
     /// Parameters of [`Rice2008`] with the paper's names (Jung 2022, Table A4).
-    pub struct Rice2008Parameters, "Jung 2022, Table A4" {
+    pub struct Rice2008Parameters {
         /// Resting calcium Ca_res \[µM\].
-        ca_res_um: "Ca_res", "Ca_res_uM", "uM", 0.15, Positive;
+        ca_res_um: "Ca_res", "Ca_res_uM", Positive;
         /// Peak calcium Ca_max \[µM\].
-        ca_max_um: "Ca_max", "Ca_max_uM", "uM", 0.6, Positive;
+        ca_max_um: "Ca_max", "Ca_max_uM", Positive;
         /// Rise time constant τ_CR \[ms\].
-        tau_cr_ms: "tau_CR", "tau_CR_ms", "ms", 129.0, Positive;
+        tau_cr_ms: "tau_CR", "tau_CR_ms", Positive;
         /// Decay time constant τ_CD \[ms\].
-        tau_cd_ms: "tau_CD", "tau_CD_ms", "ms", 128.0, Positive;
+        tau_cd_ms: "tau_CD", "tau_CD_ms", Positive;
     }
 }
 

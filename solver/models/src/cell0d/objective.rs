@@ -4,21 +4,7 @@ use super::biomarkers::{ActiveStressBiomarkers, CalciumBiomarkers};
 use serde::{Deserialize, Serialize};
 
 /// Targets of step 2: biomarkers of the median traces.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct CellTargets {
-    /// Largest active stress \[kPa\].
-    pub sa_max_kpa: f64,
-    /// Largest rate before it \[kPa/ms\].
-    pub dsadt_max_kpa_per_ms: f64,
-    /// Time above 70 % \[ms\].
-    pub std30_ms: f64,
-    /// Time above 50 % \[ms\].
-    pub std50_ms: f64,
-    /// Time above 10 % \[ms\].
-    pub std90_ms: f64,
-    /// Smallest fibre stretch.
-    pub lambda_min: f64,
-}
+pub use cardiotwin_vocabulary::biomarkers::CellBiomarkers as CellTargets;
 
 /// Weights of the cost's terms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -5,19 +5,17 @@ use cardiotwin_vector_math::Number;
 
 parameters! {
     /// Parameters of the passive element with the paper's names (Jung 2022, Table A3).
-    pub struct LandPassiveParameters,
-        "Jung 2022, Table A3; a_p of the sensitivity analysis, because a cell in the organ's place collapses with the table's \
-         2.1 kPa of isolated tissue" {
+    pub struct LandPassiveParameters {
         /// Stiffness a_p \[kPa\].
-        a_p_kpa: "a_p", "a_p_kPa", "kPa", 42.0, Positive;
+        a_p_kpa: "a_p", "a_p_kPa", Positive;
         /// Exponent b.
-        b: "b", "b", "", 9.1, Positive;
+        b: "b", "b", Positive;
         /// Stiffness of the series spring relative to a_p, k.
-        k: "k", "k", "", 7.0, Positive;
+        k: "k", "k", Positive;
         /// Dashpot time constant on lengthening η_l \[ms\].
-        eta_l_ms: "eta_l", "eta_l_ms", "ms", 200.0, Positive;
+        eta_l_ms: "eta_l", "eta_l_ms", Positive;
         /// Dashpot time constant on shortening η_s \[ms\].
-        eta_s_ms: "eta_s", "eta_s_ms", "ms", 20.0, Positive;
+        eta_s_ms: "eta_s", "eta_s_ms", Positive;
     }
 }
 

@@ -1,14 +1,9 @@
 //! Coefficients of RODAS (Hairer and Wanner, Solving Ordinary Differential Equations II, 2nd ed. 1996, section VI.4): six
 //! stages, order 4 with an embedded solution of order 3, stiffly accurate, for index-1 differential-algebraic systems.
 //!
-//! The form is that of their code. Stages u_i solve
-//!
-//! ```text
-//! (M/(hγ) − J) u_i = f(t + c_i h, y + Σ a_ij u_j) + M Σ (c_ij/h) u_j + d_i h f_t
-//! ```
-//!
-//! Stage 6 takes the arguments of stage 5 plus u_5, and the new state those of stage 6 plus u_6; u_6 is the error estimate.
-//! The order of convergence of the engine's lanes tests the coefficients of the stages.
+//! The form is that of their code: stages u_i solve
+//! `(M/(hγ) − J) u_i = f(t + c_i h, y + Σ a_ij u_j) + M Σ (c_ij/h) u_j + d_i h f_t`. Stage 6 takes the arguments of stage 5 plus u_5, and the new state those of stage 6 plus u_6; u_6 is the
+//! error estimate. The order of convergence of the engine's lanes tests the coefficients of the stages.
 
 /// γ.
 pub const GAMMA: f64 = 0.25;

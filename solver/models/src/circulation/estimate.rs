@@ -1,9 +1,9 @@
 //! Estimates of afterload and preload for a patient file without them. Every estimate describes its
 //! derivation.
 
-use super::windkessel::WindkesselParameters;
 use crate::roots::{RootError, increasing_root};
-use cardiotwin_units::{MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Mmhg, Ms};
+use cardiotwin_vocabulary::circulation::WindkesselParameters;
 use serde::{Deserialize, Serialize};
 
 /// Characteristic over peripheral resistance if no measurement separates them: aortic input
@@ -209,9 +209,9 @@ pub fn windkessel(
     };
     let r2 = diastolic_mmhg / extremes(share, tau_ms).0;
     let value = WindkesselParameters {
-        characteristic_resistance: MmhgSPerMl(share * r2),
-        peripheral_resistance: MmhgSPerMl(r2),
-        compliance: MlPerMmhg(tau_ms * 1e-3 / r2),
+        characteristic_resistance_mmhg_s_per_ml: share * r2,
+        peripheral_resistance_mmhg_s_per_ml: r2,
+        compliance_ml_per_mmhg: tau_ms * 1e-3 / r2,
     };
     let how = format!(
         "estimated: Windkessel through the cuff pressures {systolic_mmhg:.0}/{diastolic_mmhg:.0} mmHg with flow = -dV/dt in \
@@ -294,8 +294,8 @@ mod tests {
             (l.min(*x), h.max(*x))
         });
         let found = windkessel(&volume(), Ms(1.0), Mmhg(high), Mmhg(low)).unwrap();
-        assert!((found.value.peripheral_resistance.0 - r2).abs() < 1e-6);
-        assert!((found.value.compliance.0 - c).abs() < 1e-5);
+        assert!((found.value.peripheral_resistance_mmhg_s_per_ml - r2).abs() < 1e-6);
+        assert!((found.value.compliance_ml_per_mmhg - c).abs() < 1e-5);
         assert!(found.how.starts_with("estimated"));
     }
 
@@ -305,8 +305,7 @@ mod tests {
             windkessel(&volume(), Ms(1.0), Mmhg(systolic), Mmhg(70.0))
                 .unwrap()
                 .value
-                .compliance
-                .0
+                .compliance_ml_per_mmhg
         };
         assert!(at(140.0) < at(120.0) && at(120.0) < at(105.0));
     }
@@ -316,8 +315,8 @@ mod tests {
         let (systolic, diastolic) = (110.0, 95.0);
         let found = windkessel(&volume(), Ms(1.0), Mmhg(systolic), Mmhg(diastolic)).unwrap();
         let (r1, r2) = (
-            found.value.characteristic_resistance.0,
-            found.value.peripheral_resistance.0,
+            found.value.characteristic_resistance_mmhg_s_per_ml,
+            found.value.peripheral_resistance_mmhg_s_per_ml,
         );
         assert!(
             r1 / r2 < 0.99 * CHARACTERISTIC_SHARE && r1 >= 0.0,
@@ -325,7 +324,7 @@ mod tests {
             r1 / r2
         );
         let flow = ejection_flow(&volume(), Ms(1.0)).unwrap();
-        let response = periodic_response(&flow, 1.0, found.value.compliance.0 * r2 * 1e3);
+        let response = periodic_response(&flow, 1.0, found.value.compliance_ml_per_mmhg * r2 * 1e3);
         let pressures = flow.iter().zip(&response).map(|(q, y)| r1 * q + r2 * y);
         let (low, high) = pressures.fold((f64::MAX, 0.0), |(l, h): (f64, f64), p| {
             (l.min(p), h.max(p))

@@ -1,9 +1,10 @@
 //! Circulation of the base model: an atrium at constant pressure, two diode valves and a
 //! three-element Windkessel.
 
-use super::windkessel::WindkesselParameters;
+use super::windkessel;
 use super::{Circulation, CirculationError, ConstantPressure, DiodeValve, Direction, Windkessel3};
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_vocabulary::circulation::WindkesselParameters;
 use serde::{Deserialize, Serialize};
 
 /// Name of the atrial compartment.
@@ -64,9 +65,9 @@ impl LeftHeart {
             aortic_forward: Self::FORWARD,
             aortic_backward: Self::BACKWARD,
             windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(0.05),
-                peripheral_resistance: MmhgSPerMl(0.9),
-                compliance: MlPerMmhg(1.6),
+                characteristic_resistance_mmhg_s_per_ml: 0.05,
+                peripheral_resistance_mmhg_s_per_ml: 0.9,
+                compliance_ml_per_mmhg: 1.6,
             },
             start: StartPressure::DiastolicCuff(Mmhg(70.0)),
             cycle_length,
@@ -81,7 +82,7 @@ impl LeftHeart {
             StartPressure::StrokeVolume(Ml(stroke_volume)) => {
                 let duration = self.cycle_length.0 / 3.0;
                 let peak = stroke_volume * 1e3 / duration * std::f64::consts::FRAC_PI_2;
-                self.windkessel.periodic_start(self.cycle_length, |t| {
+                windkessel::periodic_start(&self.windkessel, self.cycle_length, |t| {
                     let phase = (t - 50.0) / duration;
                     if (0.0..1.0).contains(&phase) {
                         peak * (phase * std::f64::consts::PI).sin()

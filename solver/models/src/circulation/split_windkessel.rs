@@ -1,8 +1,8 @@
 //! Arterial load of two compartments joined by an inertance, for coarctation and reflected waves.
 
-use super::windkessel::WindkesselParameters;
 use super::{CirculationError, Compartment, TimeStep, Windkessel3};
 use cardiotwin_units::Mmhg;
+use cardiotwin_vocabulary::circulation::WindkesselParameters;
 
 /// Junction between the proximal and the distal part of the arteries.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,10 +75,10 @@ impl SplitWindkessel {
         }
         Ok(Self {
             name,
-            r1: p.characteristic_resistance.0,
-            r2: p.peripheral_resistance.0,
-            proximal: share * p.compliance.0,
-            distal: (1.0 - share) * p.compliance.0,
+            r1: p.characteristic_resistance_mmhg_s_per_ml,
+            r2: p.peripheral_resistance_mmhg_s_per_ml,
+            proximal: share * p.compliance_ml_per_mmhg,
+            distal: (1.0 - share) * p.compliance_ml_per_mmhg,
             junction,
             start_mmhg: start.0,
         })
@@ -158,13 +158,12 @@ impl Compartment for SplitWindkessel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_units::{MlPerMmhg, MmhgSPerMl};
     use proptest::prelude::*;
 
     const LOAD: WindkesselParameters = WindkesselParameters {
-        characteristic_resistance: MmhgSPerMl(0.05),
-        peripheral_resistance: MmhgSPerMl(0.9),
-        compliance: MlPerMmhg(1.5),
+        characteristic_resistance_mmhg_s_per_ml: 0.05,
+        peripheral_resistance_mmhg_s_per_ml: 0.9,
+        compliance_ml_per_mmhg: 1.5,
     };
     const JUNCTION: ArterialJunction = ArterialJunction {
         inertance: 0.01,
@@ -225,7 +224,7 @@ mod tests {
     fn a_lossless_junction_rings_at_its_own_frequency() {
         // With R2 infinite and no inflow: Q = Q0 cos(ωt), ω² = (1/C1 + 1/C2)/L.
         let closed = WindkesselParameters {
-            peripheral_resistance: MmhgSPerMl(1e12),
+            peripheral_resistance_mmhg_s_per_ml: 1e12,
             ..LOAD
         };
         let junction = ArterialJunction {

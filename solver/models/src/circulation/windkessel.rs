@@ -2,19 +2,8 @@
 //! section 2.2.3).
 
 use super::{CirculationError, Compartment, TimeStep, positive};
-use cardiotwin_units::{MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
-use serde::{Deserialize, Serialize};
-
-/// Parameters of the three-element Windkessel.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct WindkesselParameters {
-    /// Characteristic (proximal) resistance R1.
-    pub characteristic_resistance: MmhgSPerMl,
-    /// Peripheral resistance R2.
-    pub peripheral_resistance: MmhgSPerMl,
-    /// Compliance C.
-    pub compliance: MlPerMmhg,
-}
+use cardiotwin_units::{Mmhg, Ms};
+pub use cardiotwin_vocabulary::circulation::WindkesselParameters;
 
 /// Three-element Windkessel, integrated exactly for a flow that is constant over a step. Its state
 /// is Pc
@@ -31,40 +20,41 @@ pub struct Windkessel3 {
     prepared: (f64, f64),
 }
 
-impl WindkesselParameters {
-    /// Time constant R2 C.
-    #[must_use]
-    pub fn time_constant(&self) -> Ms {
-        Ms(self.peripheral_resistance.0 * self.compliance.0 * 1e3)
-    }
+/// Time constant R2 C.
+#[must_use]
+pub fn time_constant(p: &WindkesselParameters) -> Ms {
+    Ms(p.peripheral_resistance_mmhg_s_per_ml * p.compliance_ml_per_mmhg * 1e3)
+}
 
-    /// Value of Pc at the start of each cycle if the flow repeats every `cycle_length`:
-    /// `Pc(0) = ∫ Q e^{−(T−s)/τ} ds / (C (1 − e^{−T/τ}))`.
-    ///
-    /// - `flow_ml_per_s`: flow as a function of the time in the cycle \[ms\], integrated by
-    ///   Simpson's rule on 2000 intervals
-    #[must_use]
-    pub fn periodic_start(&self, cycle_length: Ms, flow_ml_per_s: impl Fn(f64) -> f64) -> Mmhg {
-        const N: usize = 2000;
-        let (length, tau) = (cycle_length.0, self.time_constant().0);
-        let h = length / N as f64;
-        let integral: f64 = (0..=N)
-            .map(|i| {
-                let weight = if i == 0 || i == N {
-                    1.0
-                } else if i % 2 == 1 {
-                    4.0
-                } else {
-                    2.0
-                };
-                let t = i as f64 * h;
-                weight * flow_ml_per_s(t) * (-(length - t) / tau).exp()
-            })
-            .sum::<f64>()
-            * h
-            / 3.0;
-        Mmhg(integral * 1e-3 / (self.compliance.0 * -(-length / tau).exp_m1()))
-    }
+/// Value of Pc at the start of each cycle when the flow repeats every `cycle_length`:
+/// `Pc(0) = ∫ Q e^{−(T−s)/τ} ds / (C (1 − e^{−T/τ}))`.
+///
+/// - `flow_ml_per_s`: flow as a function of the time in the cycle \[ms\], integrated by Simpson's rule on 2000 intervals
+#[must_use]
+pub fn periodic_start(
+    p: &WindkesselParameters,
+    cycle_length: Ms,
+    flow_ml_per_s: impl Fn(f64) -> f64,
+) -> Mmhg {
+    const N: usize = 2000;
+    let (length, tau) = (cycle_length.0, time_constant(p).0);
+    let h = length / N as f64;
+    let integral: f64 = (0..=N)
+        .map(|i| {
+            let weight = if i == 0 || i == N {
+                1.0
+            } else if i % 2 == 1 {
+                4.0
+            } else {
+                2.0
+            };
+            let t = i as f64 * h;
+            weight * flow_ml_per_s(t) * (-(length - t) / tau).exp()
+        })
+        .sum::<f64>()
+        * h
+        / 3.0;
+    Mmhg(integral * 1e-3 / (p.compliance_ml_per_mmhg * -(-length / tau).exp_m1()))
 }
 
 impl Windkessel3 {
@@ -78,7 +68,7 @@ impl Windkessel3 {
         p: &WindkesselParameters,
         start: Mmhg,
     ) -> Result<Self, CirculationError> {
-        let r1 = p.characteristic_resistance.0;
+        let r1 = p.characteristic_resistance_mmhg_s_per_ml;
         if !(r1 >= 0.0 && r1.is_finite()) {
             let expected = "zero or more";
             return Err(CirculationError::Parameter {
@@ -88,8 +78,12 @@ impl Windkessel3 {
                 expected,
             });
         }
-        positive(name, "peripheral resistance", p.peripheral_resistance.0)?;
-        positive(name, "compliance", p.compliance.0)?;
+        positive(
+            name,
+            "peripheral resistance",
+            p.peripheral_resistance_mmhg_s_per_ml,
+        )?;
+        positive(name, "compliance", p.compliance_ml_per_mmhg)?;
         if !start.0.is_finite() {
             return Err(CirculationError::Parameter {
                 component: name,
@@ -101,8 +95,8 @@ impl Windkessel3 {
         Ok(Self {
             name,
             r1,
-            r2: p.peripheral_resistance.0,
-            tau_ms: p.time_constant().0,
+            r2: p.peripheral_resistance_mmhg_s_per_ml,
+            tau_ms: time_constant(p).0,
             start_mmhg: start.0,
             prepared: (0.0, 0.0),
         })
@@ -157,9 +151,9 @@ mod tests {
     use std::f64::consts::TAU;
 
     const LOAD: WindkesselParameters = WindkesselParameters {
-        characteristic_resistance: MmhgSPerMl(0.03),
-        peripheral_resistance: MmhgSPerMl(0.9),
-        compliance: MlPerMmhg(1.6),
+        characteristic_resistance_mmhg_s_per_ml: 0.03,
+        peripheral_resistance_mmhg_s_per_ml: 0.9,
+        compliance_ml_per_mmhg: 1.6,
     };
 
     /// Runs the load with a given flow and returns the pressures at the ends of the steps.
@@ -224,9 +218,9 @@ mod tests {
         // benchmarks.json, windkessel.svzerod_pulsatile (cgs numbers): Q = 2.2 + 2.5 sin(2πt), R1 =
         // R2 = 1000, C = 1e-4.
         let p = WindkesselParameters {
-            characteristic_resistance: MmhgSPerMl(1000.0),
-            peripheral_resistance: MmhgSPerMl(1000.0),
-            compliance: MlPerMmhg(1e-4),
+            characteristic_resistance_mmhg_s_per_ml: 1000.0,
+            peripheral_resistance_mmhg_s_per_ml: 1000.0,
+            compliance_ml_per_mmhg: 1e-4,
         };
         let flow = |t_ms: f64| 2.2 + 2.5 * (TAU * t_ms * 1e-3).sin();
         let trace = run(&p, 2200.0, 0.5, 20_000, flow);
@@ -239,7 +233,7 @@ mod tests {
             "{low} {high}"
         );
         assert!(
-            (p.periodic_start(Ms(1000.0), flow).0 - (2200.0 + 2116.8325 * (-0.560_982f64).sin()))
+            (periodic_start(&p, Ms(1000.0), flow).0 - (2200.0 + 2116.8325 * (-0.560_982f64).sin()))
                 .abs()
                 < 0.01
         );
@@ -254,7 +248,7 @@ mod tests {
                 0.0
             }
         };
-        let start = LOAD.periodic_start(Ms(900.0), flow).0;
+        let start = periodic_start(&LOAD, Ms(900.0), flow).0;
         let end = run(&LOAD, start, 0.5, 1800, flow)[1799];
         assert!((end - start).abs() < 1e-3, "{start} {end}");
     }
@@ -273,15 +267,15 @@ mod tests {
         };
         let moved = [
             WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(0.04),
+                characteristic_resistance_mmhg_s_per_ml: 0.04,
                 ..LOAD
             },
             WindkesselParameters {
-                peripheral_resistance: MmhgSPerMl(1.0),
+                peripheral_resistance_mmhg_s_per_ml: 1.0,
                 ..LOAD
             },
             WindkesselParameters {
-                compliance: MlPerMmhg(1.7),
+                compliance_ml_per_mmhg: 1.7,
                 ..LOAD
             },
         ];
@@ -292,7 +286,7 @@ mod tests {
             Windkessel3::new(
                 "a",
                 &WindkesselParameters {
-                    compliance: MlPerMmhg(0.0),
+                    compliance_ml_per_mmhg: 0.0,
                     ..LOAD
                 },
                 Mmhg(80.0)

@@ -1,31 +1,11 @@
 //! Tanh active stress (Jung 2022, eqs. A1-A3; Niederer 2011 in CARPentry): a function of time since activation and stretch.
 
 use super::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
-use crate::parameter::parameters;
+use crate::parameter::Domain;
 use cardiotwin_units::{Kpa, Ms, Stretch};
 use cardiotwin_vector_math::Number;
 
-parameters! {
-    /// Parameters of [`Tanh`] with the paper's names (Jung 2022, Table A1).
-    pub struct TanhParameters, "Jung 2022, Table A1" {
-        /// Reference peak stress Smax_ref \[kPa\].
-        smax_ref_kpa: "Smax_ref", "Smax_ref_kPa", "kPa", 100.0, Positive;
-        /// Reference time constant of the rise τ_SR_ref \[ms\].
-        tau_sr_ref_ms: "tau_SR_ref", "tau_SR_ref_ms", "ms", 40.0, Positive;
-        /// Time constant of the decay τ_SD \[ms\].
-        tau_sd_ms: "tau_SD", "tau_SD_ms", "ms", 110.0, Positive;
-        /// Duration of the contraction and relaxation t_CR \[ms\].
-        t_cr_ms: "t_CR", "t_CR_ms", "ms", 550.0, Positive;
-        /// Electromechanical delay t_emd \[ms\].
-        t_emd_ms: "t_emd", "t_emd_ms", "ms", 15.0, NotNegative;
-        /// Length dependence of the rise a4 \[ms\].
-        a4_ms: "a4", "a4_ms", "ms", 500.0, NotNegative;
-        /// Slope of the length dependence a6.
-        a6: "a6", "a6", "", 5.0, Positive;
-        /// Stretch below which no stress is made a7.
-        a7: "a7", "a7", "", 0.7, NotNegative;
-    }
-}
+pub use cardiotwin_vocabulary::step1::TanhParameters;
 
 /// Tanh active stress, `Sa = Smax_ref φ tanh²(ts/τ_SR) tanh²((t_CR − ts)/τ_SD)` for `0 < ts < t_CR`, else 0.
 ///
@@ -59,12 +39,25 @@ impl Tanh {
     /// # Errors
     /// [`ContractionError::Parameter`] for a stress or time constant that is not positive, or a negative a4.
     pub fn new(parameters: TanhParameters) -> Result<Self, ContractionError> {
-        if let Some((parameter, value)) = parameters.first_outside() {
-            return Err(ContractionError::Parameter {
-                name: parameter.symbol,
-                value,
-                expected: parameter.domain.expected(),
-            });
+        let p = parameters;
+        for (name, value, domain) in [
+            ("Smax_ref", p.smax_ref_kpa, Domain::Positive),
+            ("tau_SR_ref", p.tau_sr_ref_ms, Domain::Positive),
+            ("tau_SD", p.tau_sd_ms, Domain::Positive),
+            ("t_CR", p.t_cr_ms, Domain::Positive),
+            ("t_emd", p.t_emd_ms, Domain::NotNegative),
+            ("a4", p.a4_ms, Domain::NotNegative),
+            ("a6", p.a6, Domain::Positive),
+            ("a7", p.a7, Domain::NotNegative),
+        ] {
+            if !domain.contains(value) {
+                let expected = domain.expected();
+                return Err(ContractionError::Parameter {
+                    name,
+                    value,
+                    expected,
+                });
+            }
         }
         Ok(Self { parameters })
     }

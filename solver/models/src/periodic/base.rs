@@ -1,12 +1,12 @@
 //! The base model in the fourteen parameters of a fit to pressure and volume.
 
-use crate::circulation::windkessel::WindkesselParameters;
 use crate::circulation::{LeftHeart, StartPressure};
 use crate::contraction::{Tanh, TanhParameters};
 use crate::effects::{Assembled, BaseModel, EffectError, EffectSetting, assemble};
 use crate::ventricle::passive_state::DEFAULT_EXPONENT;
 use crate::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_vocabulary::circulation::WindkesselParameters;
 use serde::Serialize;
 
 /// A parameter of the base model as a fit sees it.
@@ -237,9 +237,9 @@ impl FitSubject {
             aortic_forward: MmhgSPerMl(aortic_forward),
             aortic_backward: LeftHeart::BACKWARD,
             windkessel: WindkesselParameters {
-                characteristic_resistance: MmhgSPerMl(r1),
-                peripheral_resistance: MmhgSPerMl(r2),
-                compliance: MlPerMmhg(compliance),
+                characteristic_resistance_mmhg_s_per_ml: r1,
+                peripheral_resistance_mmhg_s_per_ml: r2,
+                compliance_ml_per_mmhg: compliance,
             },
             start: StartPressure::DiastolicCuff(Mmhg(75.0)),
             cycle_length: self.cycle_length,

@@ -4,12 +4,11 @@ use super::*;
 use crate::beat::{BeatOutcome, BeatResult, BeatSettings, Beats, run_beats};
 use crate::calcium::Rice2008Parameters;
 use crate::cell0d::{CalciumInput, CellParameters, CellSolverSettings};
-use crate::circulation::windkessel::WindkesselParameters;
 use crate::circulation::{LeftHeart, StartPressure};
 use crate::contraction::TanhParameters;
 use crate::median_traces::MedianTraces;
 use crate::ventricle::{PassiveStateInput, PassiveStateMode};
-use cardiotwin_units::{MlPerMmhg, MmhgSPerMl};
+use cardiotwin_vocabulary::circulation::WindkesselParameters;
 
 const CYCLE: Ms = Ms(659.0);
 
@@ -32,9 +31,9 @@ fn heart() -> LeftHeart {
         aortic_forward: LeftHeart::FORWARD,
         aortic_backward: LeftHeart::BACKWARD,
         windkessel: WindkesselParameters {
-            characteristic_resistance: MmhgSPerMl(0.0523),
-            peripheral_resistance: MmhgSPerMl(0.4934),
-            compliance: MlPerMmhg(2.0263),
+            characteristic_resistance_mmhg_s_per_ml: 0.0523,
+            peripheral_resistance_mmhg_s_per_ml: 0.4934,
+            compliance_ml_per_mmhg: 2.0263,
         },
         start: StartPressure::DiastolicCuff(Mmhg(68.7)),
         cycle_length: CYCLE,

@@ -1,14 +1,14 @@
 //! Common interface of step 2's strategies.
 
-use cardiotwin_calibrate::adaptive_evolution::{self, AdaptiveEvolution};
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
 use cardiotwin_calibrate::differential_evolution::{
     self, DifferentialEvolution, Ending, Stage, Updating,
 };
 use cardiotwin_calibrate::lbfgsb::{self, DifferenceStep};
+use cardiotwin_calibrate::lshade::{self, LShade};
 use cardiotwin_calibrate::polish::{Coordinates, LocalSearch};
 use cardiotwin_calibrate::statistics::mean;
-use cardiotwin_calibrate::{Interval, adaptive_evolution::Stage as AdaptiveStage};
+use cardiotwin_calibrate::{Interval, lshade::Stage as LShadeStage};
 use cardiotwin_schemas::settings::{self, CellFitSettings, Strategy};
 
 use crate::error::TaskError;
@@ -36,7 +36,7 @@ pub enum Optimiser {
     /// Differential evolution, as in the paper.
     Differential(Box<DifferentialEvolution>),
     /// L-SHADE.
-    LShade(Box<AdaptiveEvolution>),
+    LShade(Box<LShade>),
     /// CMA-ES, with the number of generations and the mean cost of the last one.
     CmaEs(Box<CmaEs>, usize, f64),
 }
@@ -103,8 +103,8 @@ impl Optimiser {
             }
             Strategy::LShade => {
                 let (tol, atol) = (settings.tol, settings.atol);
-                let own = adaptive_evolution::Settings::default();
-                let settings = adaptive_evolution::Settings {
+                let own = lshade::Settings::default();
+                let settings = lshade::Settings {
                     popsize,
                     tol,
                     atol,
@@ -113,7 +113,7 @@ impl Optimiser {
                     seed,
                     ..own
                 };
-                Self::LShade(Box::new(AdaptiveEvolution::new(bounds, guesses, settings)?))
+                Self::LShade(Box::new(LShade::new(bounds, guesses, settings)?))
             }
             Strategy::CmaEs => {
                 let settings = cma_es::Settings {
@@ -211,7 +211,7 @@ impl Optimiser {
     pub fn phase(&self) -> &'static str {
         match self {
             Self::Differential(optimiser) if optimiser.stage() == Stage::Polish => "polish",
-            Self::LShade(optimiser) if optimiser.stage() == AdaptiveStage::Polish => "polish",
+            Self::LShade(optimiser) if optimiser.stage() == LShadeStage::Polish => "polish",
             Self::Differential(_) => "differential evolution",
             Self::LShade(_) => "l-shade",
             Self::CmaEs(..) => "cma-es",

@@ -3,9 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_discover::forward::{Forward as _, Prediction};
-use cardiotwin_discover::locate::{self, PHASES};
-use cardiotwin_discover::{Discovery, Reduced, Settings, result, series};
-use cardiotwin_models::effects::{self, InThreeDimensions};
+use cardiotwin_discover::{Discovery, Reduced, Settings};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover as files;
 use cardiotwin_schemas::discover::{DiscoverSpec, Discovered};
@@ -45,30 +43,14 @@ pub fn result(
     };
     Ok(Discovered {
         none: found.none,
-        effects: found.effects.iter().map(ranked).collect::<Result<_, _>>()?,
+        effects: found.effects.clone(),
         accepted: found.accepted.clone(),
         confusable: distinct(found.confusable.iter().map(|c| &c.rival)),
-        confusable_with: found
-            .confusable
-            .iter()
-            .map(|c| files::Confusable {
-                effect: c.effect.clone(),
-                rival: c.rival.clone(),
-                expected_misfit: c.expected_misfit,
-            })
-            .collect(),
+        confusable_with: found.confusable.clone(),
         deciding_measurement: found.deciding_measurement.clone(),
         not_identifiable: distinct(found.not_identifiable.iter().map(|n| &n.name)),
-        not_identifiable_without: found
-            .not_identifiable
-            .iter()
-            .map(|n| files::NotIdentifiable {
-                name: n.name.clone(),
-                expected_misfit: n.expected_misfit,
-                would_show: n.would_show.clone(),
-            })
-            .collect(),
-        unexplained: found.unexplained.as_ref().map(unexplained),
+        not_identifiable_without: found.not_identifiable.clone(),
+        unexplained: found.unexplained.clone(),
         gap_before: found.gap_before,
         gap_after: found.gap_after,
         gap_heldout_before: finite(found.gap_heldout_before),
@@ -76,9 +58,9 @@ pub fn result(
         p_value: found.p_value,
         threshold: found.threshold,
         nameless_evidence: found.nameless_evidence,
-        places: found.located.iter().map(place).collect(),
-        where_after: found.located_after.iter().map(place).collect(),
-        gaps: found.series.gaps.iter().map(gap).collect(),
+        places: found.places.clone(),
+        where_after: found.where_after.clone(),
+        gaps: found.gaps.clone(),
         biomarkers: biomarkers(patient, &before, &after)?,
         stated_filling,
         base: found.base.clone(),
@@ -86,7 +68,7 @@ pub fn result(
         model: model::accepted(reduced, found)?,
         noise_seen_over_stated: found.noise_seen_over_stated,
         n_evaluations: found.n_evaluations as u64,
-        series: drawn(&found.series),
+        series: found.series.clone(),
         seed: settings.seed,
         settings: files::SearchSettings {
             effects: names,
@@ -109,91 +91,6 @@ fn distinct<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
         }
     }
     list
-}
-
-fn ranked(effect: &result::RankedEffect) -> Result<files::RankedEffect, TaskError> {
-    let declared = effects::find(&effect.name).map_err(TaskError::Effect)?;
-    Ok(files::RankedEffect {
-        name: effect.name.clone(),
-        meaning: declared.meaning.to_owned(),
-        artefact: effect.artefact,
-        probability: effect.probability,
-        delta_bic: effect.delta_bic,
-        log_evidence: effect.log_evidence,
-        robust_evidence: effect.robust_evidence,
-        delta_deviance: effect.delta_deviance,
-        strength: effect.strength.clone(),
-        interval: effect.interval.clone(),
-        plausible: effect.plausible,
-        in_3d: in_3d(declared.in_3d),
-        remedy: declared.remedy.map(str::to_owned),
-    })
-}
-
-fn in_3d(declared: InThreeDimensions) -> files::InThreeDimensions {
-    let (way, how) = match declared {
-        InThreeDimensions::AsItIs => ("as-it-is", None),
-        InThreeDimensions::ActivationMap { how } => ("activation-map", Some(how.to_owned())),
-        InThreeDimensions::PassiveExponents { factor } => {
-            let how =
-                format!("all exponents of Guccione's law times {factor}; its scale is fitted anew");
-            ("passive-exponents", Some(how))
-        }
-        InThreeDimensions::MaterialTerm { how } => ("material-term", Some(how.to_owned())),
-        InThreeDimensions::Cannot { why } => ("cannot", Some(why.to_owned())),
-    };
-    files::InThreeDimensions {
-        way: way.to_owned(),
-        how,
-    }
-}
-
-fn place(place: &locate::Place) -> files::Place {
-    let unit = match place.signal.as_str() {
-        "pressure_rate" => "mmHg/s",
-        "volume" | "end_diastolic_volume" | "forward_stroke_volume" | "whole_heart_volume" => "mL",
-        _ => "mmHg",
-    };
-    files::Place {
-        signal: place.signal.clone(),
-        phase: place.phase.clone(),
-        sign: if place.size < 0.0 {
-            files::Side::Below
-        } else {
-            files::Side::Above
-        },
-        size: place.size,
-        unit: unit.to_owned(),
-        z: place.z,
-        share: place.share,
-        biomarkers: place.biomarkers.clone(),
-    }
-}
-
-fn unexplained(gap: &result::Unexplained) -> files::Unexplained {
-    let dependence = |d: &result::Dependence| files::Dependence {
-        signal: d.signal.clone(),
-        variable: d.variable.clone(),
-        share: d.share,
-    };
-    files::Unexplained {
-        kind: gap.kind.clone(),
-        log_evidence: gap.log_evidence,
-        place: place(&gap.place),
-        depends_on: gap.depends_on.iter().map(dependence).collect(),
-    }
-}
-
-fn gap(row: &series::GapAt) -> files::GapAt {
-    files::GapAt {
-        signal: row.signal.clone(),
-        phase: row.phase.clone(),
-        n: row.n as u32,
-        before: row.before,
-        after: row.after,
-        heldout_before: row.held_out_before,
-        heldout_after: row.held_out_after,
-    }
 }
 
 /// Biomarkers of the data and of both beats, with the same definitions and at the sample times of
@@ -226,35 +123,4 @@ fn biomarkers(
         name,
     };
     Ok(by_name(&measured).into_iter().map(row).collect())
-}
-
-fn drawn(series: &series::Series) -> files::DiscoverSeries {
-    let compared = |signal: &series::Compared| files::ComparedSignal {
-        time_ms: signal.time_ms.clone(),
-        measured: signal.measured.clone(),
-        before: signal.before.clone(),
-        after: signal.after.clone(),
-        heldout_before: signal.held_out_before.clone(),
-        heldout_after: signal.held_out_after.clone(),
-        noise_sd: signal.noise_sd,
-    };
-    let begin = |(phase, begin_ms): (&str, f64)| files::PhaseBegin {
-        phase: phase.to_owned(),
-        begin_ms,
-    };
-    let curves = &series.curves;
-    files::DiscoverSeries {
-        phases: std::iter::zip(PHASES, series.phases.beginnings())
-            .map(begin)
-            .collect(),
-        pressure: compared(&series.pressure),
-        volume: compared(&series.volume),
-        curves: files::SimulatedCurves {
-            time_ms: curves.time_ms.clone(),
-            pressure_before_mmhg: curves.pressure_before_mmhg.clone(),
-            pressure_after_mmhg: curves.pressure_after_mmhg.clone(),
-            volume_before_ml: curves.volume_before_ml.clone(),
-            volume_after_ml: curves.volume_after_ml.clone(),
-        },
-    }
 }

@@ -134,12 +134,12 @@ pub fn stated_filling(
     left_atrial_pressure_mmhg: f64,
 ) -> Result<StatedFilling, TaskError> {
     let series = &found.series.volume;
-    let end = found.series.phases.isovolumic_contraction_ms;
+    let end = found.phases.isovolumic_contraction_ms;
     let near = |t: f64| {
         let distance = (t - end).rem_euclid(data.cycle_ms);
         distance.min(data.cycle_ms - distance) <= END_DIASTOLE_MS
     };
-    let late = |t: f64| found.series.phases.at(t, data.cycle_ms) >= LATE_FILLING;
+    let late = |t: f64| found.phases.at(t, data.cycle_ms) >= LATE_FILLING;
     let mean = |inside: &dyn Fn(f64) -> bool, value: &dyn Fn(usize) -> f64| {
         let chosen: Vec<usize> = (0..series.time_ms.len())
             .filter(|i| inside(series.time_ms[*i]))

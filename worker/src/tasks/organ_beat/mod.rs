@@ -18,9 +18,10 @@ use cardiotwin_models::beat::{
 use cardiotwin_models::calcium::SampledCalcium;
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
-use cardiotwin_models::contraction::{StretchReference, Tanh, TanhParameters};
+use cardiotwin_models::contraction::{StretchReference, Tanh};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::{
     self, ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OrganSpec,
     StretchOrigin,
@@ -38,7 +39,6 @@ use crate::error::{TaskError, chain};
 use crate::finite_element::motion::Motion;
 use crate::finite_element::stored::About;
 use crate::nodal::{self, number};
-use crate::tasks::passive_state::estimates::to_solver;
 use crate::team::Team;
 
 /// Largest change over the last of several beats for which it counts as periodic if no tolerance is
@@ -226,7 +226,7 @@ fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskError> {
 fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, TaskError> {
     let cycle_length_ms = spec.cycle_length_ms;
     let contraction = match &spec.contraction {
-        ContractionSpec::Tanh { parameters } => Tanh::new(tanh(parameters))
+        ContractionSpec::Tanh { parameters } => Tanh::new(*parameters)
             .map(GroupContraction::tanh)
             .map_err(TaskError::Contraction)?,
         ContractionSpec::Land2017Rice {
@@ -273,19 +273,6 @@ fn land(cell: CellParameters) -> Result<GroupContraction, TaskError> {
     Ok(GroupContraction::land(&cell, &beat))
 }
 
-fn tanh(p: &organ::TanhParameters) -> TanhParameters {
-    TanhParameters {
-        smax_ref_kpa: p.smax_ref_kpa,
-        tau_sr_ref_ms: p.tau_sr_ref_ms,
-        tau_sd_ms: p.tau_sd_ms,
-        t_cr_ms: p.t_cr_ms,
-        a4_ms: p.a4_ms,
-        t_emd_ms: p.t_emd_ms,
-        a6: p.a6,
-        a7: p.a7,
-    }
-}
-
 fn heart(spec: &OrganBeatSpec) -> LeftHeart {
     LeftHeart {
         left_atrial_pressure: Mmhg(spec.circulation.left_atrial_pressure_mmhg),
@@ -293,7 +280,7 @@ fn heart(spec: &OrganBeatSpec) -> LeftHeart {
         mitral_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
         aortic_forward: MmhgSPerMl(spec.valves.r_av_f_mmhg_s_per_ml),
         aortic_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
-        windkessel: to_solver(&spec.circulation.afterload),
+        windkessel: spec.circulation.afterload,
         start: StartPressure::DiastolicCuff(Mmhg(
             spec.circulation.initial_windkessel_pressure_mmhg,
         )),
@@ -371,17 +358,13 @@ fn organ_beat_result(
 pub fn simulated_biomarkers(
     traces: &BeatTraces,
     cycle_length_ms: Option<f64>,
-) -> Result<BeatBiomarkers, TaskError> {
+) -> Result<Biomarkers, TaskError> {
     let [pressure, volume] = signals(traces, cycle_length_ms.is_some())?;
     let continuation = continuation(
         cycle_length_ms.is_some(),
         cycle_length_ms.unwrap_or_default(),
     );
-    Ok(BeatBiomarkers::of(
-        Some(&pressure),
-        Some(&volume),
-        continuation,
-    )?)
+    Ok(BeatBiomarkers::of(Some(&pressure), Some(&volume), continuation)?.values)
 }
 
 fn continuation(periodic: bool, cycle_length_ms: f64) -> Continuation {

@@ -1,11 +1,10 @@
 //! Estimates of data that the patient file lacks. The result lists every estimate with its method.
 
-use cardiotwin_models::circulation::windkessel;
 use cardiotwin_models::circulation::{LeftHeart, StartPressure, estimate};
 use cardiotwin_schemas::organ::WindkesselParameters;
 use cardiotwin_schemas::outcome::Estimate;
 use cardiotwin_schemas::task::PassiveStateSpec;
-use cardiotwin_units::{Ml, MlPerMmhg, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::{EndDiastole, Measurements};
 use crate::error::TaskError;
@@ -65,7 +64,7 @@ impl<'a> Loads<'a> {
             mitral_backward: LeftHeart::BACKWARD,
             aortic_forward: LeftHeart::FORWARD,
             aortic_backward: LeftHeart::BACKWARD,
-            windkessel: to_solver(load),
+            windkessel: *load,
             start: StartPressure::StrokeVolume(Ml(self.stroke_volume_ml)),
             cycle_length: Ms(self.spec.cycle_length_ms),
         };
@@ -86,11 +85,7 @@ impl<'a> Loads<'a> {
             ),
         };
         let found = estimate::windkessel(&volume, Ms(1.0), Mmhg(systolic), Mmhg(diastolic))?;
-        let load = WindkesselParameters {
-            characteristic_resistance_mmhg_s_per_ml: found.value.characteristic_resistance.0,
-            peripheral_resistance_mmhg_s_per_ml: found.value.peripheral_resistance.0,
-            compliance_ml_per_mmhg: found.value.compliance.0,
-        };
+        let load = found.value;
         let method = format!("{}; {shape}, {origin}", found.how);
         for (key, value) in [
             (
@@ -180,15 +175,6 @@ impl<'a> Loads<'a> {
             &found.how,
         );
         Ok(found.value.0)
-    }
-}
-
-/// Converts the load to the solver's units.
-pub(crate) fn to_solver(load: &WindkesselParameters) -> windkessel::WindkesselParameters {
-    windkessel::WindkesselParameters {
-        characteristic_resistance: MmhgSPerMl(load.characteristic_resistance_mmhg_s_per_ml),
-        peripheral_resistance: MmhgSPerMl(load.peripheral_resistance_mmhg_s_per_ml),
-        compliance: MlPerMmhg(load.compliance_ml_per_mmhg),
     }
 }
 

@@ -12,7 +12,7 @@ use cardiotwin_schemas::afterload::{
 };
 use cardiotwin_schemas::organ::EffectSpec;
 
-use crate::cli::commands::fit::afterload::{noise, parameters};
+use crate::cli::commands::fit::afterload::parameters;
 use crate::cli::commands::fit::record::{self, Measured};
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
@@ -176,7 +176,7 @@ fn answer(measured: &Measured, found: &Discovery) -> AfterloadDiscovery {
         held_out: if found.gap.by_beat { "beats" } else { "blocks" }.to_owned(),
         before: parameters(found.before),
         after: parameters(found.after),
-        noise: noise(&found.worth),
+        noise: found.sample_size,
         organ: in_organ(found),
     }
 }

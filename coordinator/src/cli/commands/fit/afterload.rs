@@ -3,11 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::afterload::{
-    self, Estimate, Start, WindkesselFit, WindkesselFitSettings, Worth, fit_windkessel,
+    self, Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
 };
-use cardiotwin_schemas::afterload::{
-    AfterloadFitAnswer, AfterloadNoise, AfterloadQuantity, Determined,
-};
+use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadQuantity, Determined};
 use cardiotwin_schemas::organ::WindkesselParameters;
 use clap::Args;
 use serde::Serialize;
@@ -247,16 +245,6 @@ pub fn parameters(three: [f64; 3]) -> WindkesselParameters {
     }
 }
 
-/// Effective number and correlation of the residuals, in the form of the file schema.
-#[must_use]
-pub fn noise(worth: &Worth) -> AfterloadNoise {
-    AfterloadNoise {
-        correlation_time_ms: worth.correlation_time_ms,
-        beat_correlation: worth.beat_correlation,
-        n_effective: worth.n_effective,
-    }
-}
-
 /// A file's name as it may stand in a TOML comment: a line feed in it would end the comment.
 pub(super) fn one_line(name: &str) -> String {
     name.chars()
@@ -294,7 +282,7 @@ fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> Afterload
         periodic,
         root_mean_square_mmhg: fit.root_mean_square_mmhg,
         share_of_pulse,
-        noise: noise(&fit.worth),
+        noise: fit.sample_size,
         converged: fit.converged,
         warnings: Vec::new(),
     };

@@ -4,7 +4,7 @@ use crate::Interval;
 use crate::random::{Purpose, generator};
 use proptest::prelude::*;
 
-fn finish(mut o: AdaptiveEvolution, f: impl Fn(&[f64]) -> f64) -> AdaptiveEvolution {
+fn finish(mut o: LShade, f: impl Fn(&[f64]) -> f64) -> LShade {
     while !o.is_ended() {
         let costs: Vec<f64> = o.ask().iter().map(|p| f(p)).collect();
         o.tell(&costs).unwrap();
@@ -19,8 +19,8 @@ fn valley(x: &[f64]) -> f64 {
         .sum::<f64>()
 }
 
-fn start(n: usize, settings: Settings) -> AdaptiveEvolution {
-    AdaptiveEvolution::new(&vec![Interval::new(-5.0, 10.0); n], &[], settings).unwrap()
+fn start(n: usize, settings: Settings) -> LShade {
+    LShade::new(&vec![Interval::new(-5.0, 10.0); n], &[], settings).unwrap()
 }
 
 #[test]
@@ -66,7 +66,7 @@ fn the_population_shrinks_with_the_budget() {
 #[test]
 fn guesses_begin_and_failures_do_not_survive() {
     let bounds = vec![Interval::new(-5.0, 10.0); 2];
-    let o = AdaptiveEvolution::new(&bounds, &[vec![1.0, 99.0]], Settings::default()).unwrap();
+    let o = LShade::new(&bounds, &[vec![1.0, 99.0]], Settings::default()).unwrap();
     assert!(
         o.ask()[0]
             .iter()
@@ -92,7 +92,7 @@ fn guesses_begin_and_failures_do_not_survive() {
 #[test]
 fn nonsense_is_refused() {
     let refused = |settings| {
-        AdaptiveEvolution::new(&[Interval::new(0.0, 1.0)], &[], settings)
+        LShade::new(&[Interval::new(0.0, 1.0)], &[], settings)
             .unwrap_err()
             .to_string()
     };

@@ -115,10 +115,9 @@ pub enum Stage {
     Ended,
 }
 
-/// L-SHADE optimiser. Its state can be serialised after any [`AdaptiveEvolution::tell`] and
-/// continues bit for bit.
+/// L-SHADE; serialise it after any [`LShade::tell`] to go on from there bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct AdaptiveEvolution {
+pub struct LShade {
     settings: Settings,
     bounds: Vec<Interval>,
     /// Members in unit coordinates; the best one is first once all are evaluated.
@@ -143,7 +142,7 @@ struct Trial {
     rate: f64,
 }
 
-impl AdaptiveEvolution {
+impl LShade {
     /// Starts from a Latin hypercube in the box. Guesses, shape (any, D), are clamped to the box
     /// and replace its first members.
     ///

@@ -1,10 +1,10 @@
-//! One level of the search: a structure, the gain by each candidate, and the gain by noise alone.
+//! One stage of the search: a structure, what each candidate adds to it, and what noise alone would give.
 
 use crate::bootstrap::{Tangent, null_maxima, quantile, tangents};
 use crate::decide::Settings;
+use crate::discrepancy::{ALWAYS, DiscrepancyTerm, FitsByDiscrepancy, Views, fit_by_discrepancy};
 use crate::fit::Fit;
 use crate::forward::Forward;
-use crate::nameless::{ALWAYS, Nameless, Views, Wide, widen};
 use crate::problem::Problem;
 use crate::search::{RISE, add_term, best, refit, scan};
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ pub const BARE_MENTION: f64 = 2.0;
 /// Evidence that an effect needs beside a competitor that explains more than the effect: odds of 7
 /// to 1.
 const BESIDE_BETTER: f64 = 4.0;
-/// Score below which a candidate is not fitted beside a competitor, or at a later level.
+/// Score below which a candidate is not fitted where it has been fitted without the competitor, or at an earlier stage.
 const WORTH_A_FIT: f64 = -3.0;
 /// Number of candidates that are fitted with all competitors.
 const SHORT_LIST: usize = 4;
@@ -34,50 +34,53 @@ pub struct Search<'a> {
     pub among: Vec<usize>,
 }
 
-/// Fits and evidence of one level of the search.
-pub struct Level {
+/// One stage.
+pub struct SearchStage {
     /// Structure of the level, with its competitors.
-    pub wide: Wide,
+    pub own: FitsByDiscrepancy,
     /// The structure with each candidate added, by candidate index; `None` if it was not fitted.
-    pub with: Vec<Option<Wide>>,
+    pub with: Vec<Option<FitsByDiscrepancy>>,
     /// Directions of the candidates at the structure's fit.
     pub tangents: Vec<Tangent>,
     /// Largest evidence of any candidate in draws of noise, sorted.
     pub maxima: Vec<f64>,
 }
 
-impl Level {
+impl SearchStage {
     /// Number of evaluations of the level's fits.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
-        let of = |wide: &Wide| {
+        let of = |wide: &FitsByDiscrepancy| {
             wide.fits
                 .iter()
                 .map(|(_, fit)| fit.n_evaluations)
                 .sum::<usize>()
         };
-        of(&self.wide) + self.with.iter().flatten().map(of).sum::<usize>()
+        of(&self.own) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
     /// Competitors of the level that are candidates which may not be named.
-    pub fn unnamed(&self) -> impl Iterator<Item = Nameless> {
-        self.wide
+    pub fn unnamed(&self) -> impl Iterator<Item = DiscrepancyTerm> {
+        self.own
             .fits
             .iter()
             .map(|(kind, _)| *kind)
-            .filter(|kind| matches!(kind, Nameless::Unnamed(_)))
+            .filter(|kind| matches!(kind, DiscrepancyTerm::Unnamed(_)))
     }
 
     /// Evidence for a candidate, without competitors on either side.
     #[must_use]
     pub fn gain(&self, term: usize) -> Option<f64> {
-        Some(self.wide.plain().evidence - self.with[term].as_ref()?.plain().evidence)
+        Some(
+            self.own.plain().neg2_log_evidence
+                - self.with[term].as_ref()?.plain().neg2_log_evidence,
+        )
     }
 
     /// Evidence for a candidate, with the best competitor on either side.
     #[must_use]
     pub fn robust_gain(&self, term: usize) -> Option<f64> {
-        Some(self.wide.evidence() - self.with[term].as_ref()?.evidence())
+        Some(self.own.neg2_log_evidence() - self.with[term].as_ref()?.neg2_log_evidence())
     }
 }
 
@@ -85,12 +88,12 @@ impl Search<'_> {
     /// The problem without a competitor.
     #[must_use]
     pub fn plain(&self) -> Problem<'_> {
-        self.views.problem(self.forward, Nameless::Nothing)
+        self.views.problem(self.forward, DiscrepancyTerm::Nothing)
     }
 
     /// Fits and evidence of one structure.
     #[must_use]
-    pub fn level(&self, current: &Fit, index: u64) -> Level {
+    pub fn stage(&self, current: &Fit, index: u64) -> SearchStage {
         let fit = &self.settings.fit;
         let plain = self.plain();
         let among = if index == 0 {
@@ -108,19 +111,19 @@ impl Search<'_> {
                 *found = best([found.take(), add_term(&plain, current, term, fit)]);
             }
         }
-        let only = Wide {
-            fits: vec![(Nameless::Nothing, current.clone())],
+        let only = FitsByDiscrepancy {
+            fits: vec![(DiscrepancyTerm::Nothing, current.clone())],
         };
-        let mut wide = widen(self.views, self.forward, only, &ALWAYS, fit);
+        let mut wide = fit_by_discrepancy(self.views, self.forward, only, &ALWAYS, fit);
         // A candidate with clear evidence that may not be named acts as a competitor.
-        let gain = |f: &Fit| current.evidence - f.evidence;
+        let gain = |f: &Fit| current.neg2_log_evidence - f.neg2_log_evidence;
         let unnamed = (fits.iter().enumerate())
             .filter_map(|(term, f)| f.as_ref().map(|f| (term, f)))
             .filter(|(term, f)| {
                 gain(f) >= self.settings.least_evidence && !self.plausible(f, *term)
             })
             .max_by(|a, b| gain(a.1).total_cmp(&gain(b.1)))
-            .map(|(term, f)| (Nameless::Unnamed(term), f.clone()));
+            .map(|(term, f)| (DiscrepancyTerm::Unnamed(term), f.clone()));
         wide.fits.extend(unnamed);
         // If a competitor explains much, candidates are also tried beside it.
         let (kind, nameless) = wide.nameless();
@@ -130,18 +133,18 @@ impl Search<'_> {
             beside = scan(&problem, with, &self.worth_a_fit(&problem, with), fit);
         }
         let list = self.short_list(&wide, &fits, &beside);
-        let kinds: Vec<Nameless> = wide.fits.iter().map(|(kind, _)| *kind).collect();
+        let kinds: Vec<DiscrepancyTerm> = wide.fits.iter().map(|(kind, _)| *kind).collect();
         let with = (0..fits.len())
             .into_par_iter()
             .map(|term| {
                 let plain = fits[term].clone()?;
-                let mut known = Wide {
-                    fits: vec![(Nameless::Nothing, plain)],
+                let mut known = FitsByDiscrepancy {
+                    fits: vec![(DiscrepancyTerm::Nothing, plain)],
                 };
                 known.fits.extend(beside[term].clone().map(|f| (kind, f)));
                 let wide = list.contains(&term);
                 Some(if wide {
-                    widen(self.views, self.forward, known, &kinds, fit)
+                    fit_by_discrepancy(self.views, self.forward, known, &kinds, fit)
                 } else {
                     known
                 })
@@ -153,8 +156,8 @@ impl Search<'_> {
             self.settings.n_bootstrap,
             self.settings.seed ^ (index << 32),
         );
-        Level {
-            wide,
+        SearchStage {
+            own: wide,
             with,
             tangents,
             maxima,
@@ -173,13 +176,18 @@ impl Search<'_> {
     }
 
     /// Best candidates without a competitor, and best candidates beside the best competitor.
-    fn short_list(&self, wide: &Wide, fits: &[Option<Fit>], beside: &[Option<Fit>]) -> Vec<usize> {
+    fn short_list(
+        &self,
+        wide: &FitsByDiscrepancy,
+        fits: &[Option<Fit>],
+        beside: &[Option<Fit>],
+    ) -> Vec<usize> {
         let mut list = Vec::new();
         for found in [fits, beside] {
             let mut order: Vec<(usize, f64)> = found
                 .iter()
                 .enumerate()
-                .filter_map(|(t, f)| Some((t, f.as_ref()?.evidence)))
+                .filter_map(|(t, f)| Some((t, f.as_ref()?.neg2_log_evidence)))
                 .collect();
             order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
             list.extend(order.into_iter().take(SHORT_LIST).map(|(t, _)| t));
@@ -187,7 +195,7 @@ impl Search<'_> {
         list.retain(|t| {
             fits[*t]
                 .as_ref()
-                .is_some_and(|f| wide.plain().evidence - f.evidence > 0.0)
+                .is_some_and(|f| wide.plain().neg2_log_evidence - f.neg2_log_evidence > 0.0)
                 || beside[*t].is_some()
         });
         list.sort_unstable();
@@ -200,7 +208,7 @@ impl Search<'_> {
     fn unbent(&self, current: &Fit, fits: &[Option<Fit>]) -> Fit {
         let n_base = self.forward.base().len();
         let mut order: Vec<&Fit> = fits.iter().flatten().collect();
-        order.sort_by(|a, b| a.evidence.total_cmp(&b.evidence));
+        order.sort_by(|a, b| a.neg2_log_evidence.total_cmp(&b.neg2_log_evidence));
         order.truncate(CROSSED);
         let tries: Vec<Option<Fit>> = order
             .par_iter()
@@ -228,7 +236,7 @@ impl Search<'_> {
         let mut order: Vec<(usize, f64)> = fits
             .iter()
             .enumerate()
-            .filter_map(|(t, f)| Some((t, f.as_ref()?.evidence)))
+            .filter_map(|(t, f)| Some((t, f.as_ref()?.neg2_log_evidence)))
             .collect();
         order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
         order.truncate(CROSSED);
@@ -262,10 +270,10 @@ impl Search<'_> {
 
     /// Evidence required for a name.
     #[must_use]
-    pub fn threshold(&self, level: &Level) -> f64 {
+    pub fn threshold(&self, stage: &SearchStage) -> f64 {
         self.settings
             .least_evidence
-            .max(quantile(&level.maxima, 1.0 - self.settings.false_alarm))
+            .max(quantile(&stage.maxima, 1.0 - self.settings.false_alarm))
     }
 
     /// Index of a term's first parameter in a fit that contains the term.
@@ -294,17 +302,17 @@ impl Search<'_> {
     }
 
     /// Whether a candidate may be named, both in its best fit and without a competitor.
-    fn nameable(&self, with: &Wide, term: usize) -> bool {
+    fn nameable(&self, with: &FitsByDiscrepancy, term: usize) -> bool {
         self.plausible(&with.best().1, term) && self.plausible(with.plain(), term)
     }
 
     /// Candidates ordered by their evidence with the best competitor on either side, frequency
     /// included, the best first.
     #[must_use]
-    pub fn ranking(&self, level: &Level) -> Vec<(usize, f64)> {
+    pub fn ranking(&self, stage: &SearchStage) -> Vec<(usize, f64)> {
         let candidates = self.forward.candidates();
-        let mut list: Vec<(usize, f64)> = (0..level.with.len())
-            .filter_map(|term| Some((term, level.robust_gain(term)? + candidates[term].log_prior)))
+        let mut list: Vec<(usize, f64)> = (0..stage.with.len())
+            .filter_map(|term| Some((term, stage.robust_gain(term)? + candidates[term].log_prior)))
             .collect();
         list.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         list
@@ -317,7 +325,7 @@ impl Search<'_> {
     pub fn needed(&self, fit: &Fit, term: usize, threshold: f64) -> f64 {
         let candidate = &self.forward.candidates()[term];
         let above = fit.values()[self.offset(fit, term)] > candidate.off;
-        threshold + candidate.look_alike[usize::from(above)]
+        threshold + candidate.required_extra_evidence[usize::from(above)]
     }
 
     /// Whether the evidence for an effect suffices.
@@ -334,15 +342,15 @@ impl Search<'_> {
 
     /// Best candidate that may be named; `None` if its evidence does not suffice.
     #[must_use]
-    pub fn next(&self, level: &Level) -> Option<usize> {
-        let threshold = self.threshold(level);
-        (self.ranking(level).into_iter().map(|(term, _)| term))
-            .filter_map(|term| Some((term, level.with[term].as_ref()?)))
+    pub fn next(&self, stage: &SearchStage) -> Option<usize> {
+        let threshold = self.threshold(stage);
+        (self.ranking(stage).into_iter().map(|(term, _)| term))
+            .filter_map(|term| Some((term, stage.with[term].as_ref()?)))
             .find(|(term, with)| self.nameable(with, *term))
             .filter(|(term, with)| {
-                let nameless = level.wide.plain().evidence - level.wide.evidence();
+                let nameless = stage.own.plain().neg2_log_evidence - stage.own.neg2_log_evidence();
                 let needed = self.needed(with.plain(), *term, threshold);
-                let gains = level.gain(*term).zip(level.robust_gain(*term));
+                let gains = stage.gain(*term).zip(stage.robust_gain(*term));
                 gains.is_some_and(|(plain, robust)| Self::enough((plain, robust, nameless), needed))
             })
             .map(|(term, _)| term)

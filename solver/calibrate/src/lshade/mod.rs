@@ -13,4 +13,4 @@ mod optimiser;
 #[cfg(test)]
 mod tests;
 
-pub use optimiser::{AdaptiveEvolution, Settings, Stage};
+pub use optimiser::{LShade, Settings, Stage};

@@ -1,4 +1,4 @@
-//! Nameless competitors: explanations of a gap without a name, alone and beside named effects.
+//! DiscrepancyTerm competitors: what may stand for a gap that no candidate names, alone and beside the named ones.
 //!
 //! A result is only valid if it does not depend on the treatment of the remaining gap. Every
 //! structure is therefore fitted without a competitor and with each of them: free bumps of the
@@ -9,14 +9,14 @@ use crate::fit::Fit;
 use crate::forward::Forward;
 use crate::least_squares::Settings;
 use crate::measured::Measured;
-use crate::noise::Tolerance;
+use crate::noise::ModelDiscrepancy;
 use crate::problem::{Data, N_BUMPS, Problem, Structure};
 use crate::search::{UNBENT, add_term, best, is_bent};
 use rayon::prelude::*;
 
 /// A nameless competitor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Nameless {
+pub enum DiscrepancyTerm {
     /// No competitor.
     Nothing,
     /// Free bumps of the activation.
@@ -28,7 +28,11 @@ pub enum Nameless {
 }
 
 /// Competitors with which every structure is fitted.
-pub const ALWAYS: [Nameless; 3] = [Nameless::Nothing, Nameless::Activation, Nameless::Traces];
+pub const ALWAYS: [DiscrepancyTerm; 3] = [
+    DiscrepancyTerm::Nothing,
+    DiscrepancyTerm::Activation,
+    DiscrepancyTerm::Traces,
+];
 
 /// The data as each competitor sees them. A smooth error is part of the covariance.
 #[derive(Debug)]
@@ -41,18 +45,20 @@ pub struct Views {
 impl Views {
     /// Computes the covariances of all views.
     #[must_use]
-    pub fn new(measured: &Measured, tolerance: &Tolerance) -> Self {
+    pub fn new(measured: &Measured, model_discrepancy: &ModelDiscrepancy) -> Self {
         Self {
-            plain: Data::new(measured.clone(), tolerance),
-            traces: Data::new(measured.clone(), &Tolerance::discrepancy()),
+            plain: Data::new(measured.clone(), model_discrepancy),
+            traces: Data::new(measured.clone(), &ModelDiscrepancy::discrepancy()),
         }
     }
 
     /// The fit problem with a competitor.
-    pub fn problem<'a>(&'a self, forward: &'a dyn Forward, kind: Nameless) -> Problem<'a> {
+    pub fn problem<'a>(&'a self, forward: &'a dyn Forward, kind: DiscrepancyTerm) -> Problem<'a> {
         let data = match kind {
-            Nameless::Nothing | Nameless::Activation | Nameless::Unnamed(_) => &self.plain,
-            Nameless::Traces => &self.traces,
+            DiscrepancyTerm::Nothing
+            | DiscrepancyTerm::Activation
+            | DiscrepancyTerm::Unnamed(_) => &self.plain,
+            DiscrepancyTerm::Traces => &self.traces,
         };
         Problem { forward, data }
     }
@@ -60,12 +66,12 @@ impl Views {
 
 /// One structure, fitted without a competitor and with some.
 #[derive(Debug, Clone)]
-pub struct Wide {
+pub struct FitsByDiscrepancy {
     /// Competitor and fit; the first entry has no competitor.
-    pub fits: Vec<(Nameless, Fit)>,
+    pub fits: Vec<(DiscrepancyTerm, Fit)>,
 }
 
-impl Wide {
+impl FitsByDiscrepancy {
     /// The fit without a competitor.
     #[must_use]
     pub fn plain(&self) -> &Fit {
@@ -74,7 +80,7 @@ impl Wide {
 
     /// The fit with a competitor, if it was made.
     #[must_use]
-    pub fn with(&self, kind: Nameless) -> Option<&Fit> {
+    pub fn with(&self, kind: DiscrepancyTerm) -> Option<&Fit> {
         self.fits
             .iter()
             .find(|(k, _)| *k == kind)
@@ -83,29 +89,37 @@ impl Wide {
 
     /// The fit with the best treatment of the remaining gap.
     #[must_use]
-    pub fn best(&self) -> &(Nameless, Fit) {
+    pub fn best(&self) -> &(DiscrepancyTerm, Fit) {
         self.fits
             .iter()
-            .reduce(|a, b| if b.1.evidence < a.1.evidence { b } else { a })
+            .reduce(|a, b| {
+                if b.1.neg2_log_evidence < a.1.neg2_log_evidence {
+                    b
+                } else {
+                    a
+                }
+            })
             .expect("one fit at least")
     }
 
     /// Evidence with the best treatment of the remaining gap.
     #[must_use]
-    pub fn evidence(&self) -> f64 {
-        self.best().1.evidence
+    pub fn neg2_log_evidence(&self) -> f64 {
+        self.best().1.neg2_log_evidence
     }
 
     /// Best nameless competitor and its evidence against no competitor.
     #[must_use]
-    pub fn nameless(&self) -> (Nameless, f64) {
-        let gain = |fit: &Fit| self.plain().evidence - fit.evidence;
+    pub fn nameless(&self) -> (DiscrepancyTerm, f64) {
+        let gain = |fit: &Fit| self.plain().neg2_log_evidence - fit.neg2_log_evidence;
         self.fits
             .iter()
-            .filter(|(kind, _)| !matches!(kind, Nameless::Nothing | Nameless::Unnamed(_)))
+            .filter(|(kind, _)| {
+                !matches!(kind, DiscrepancyTerm::Nothing | DiscrepancyTerm::Unnamed(_))
+            })
             .map(|(kind, fit)| (*kind, gain(fit)))
             .max_by(|a, b| a.1.total_cmp(&b.1))
-            .unwrap_or((Nameless::Nothing, 0.0))
+            .unwrap_or((DiscrepancyTerm::Nothing, 0.0))
     }
 }
 
@@ -131,12 +145,12 @@ fn start(fit: &Fit, bumps: bool) -> (Structure, Vec<f64>) {
 pub fn fit_with(
     views: &Views,
     forward: &dyn Forward,
-    kind: Nameless,
+    kind: DiscrepancyTerm,
     known: &[&Fit],
     settings: &Settings,
 ) -> Option<Fit> {
     let problem = views.problem(forward, kind);
-    if let Nameless::Unnamed(term) = kind {
+    if let DiscrepancyTerm::Unnamed(term) = kind {
         return known
             .first()
             .and_then(|fit| add_term(&problem, fit, term, settings));
@@ -151,7 +165,7 @@ pub fn fit_with(
     let tries: Vec<Option<Fit>> = starts
         .par_iter()
         .map(|(fit, unbent)| {
-            let (structure, mut z) = start(fit, kind == Nameless::Activation);
+            let (structure, mut z) = start(fit, kind == DiscrepancyTerm::Activation);
             if *unbent {
                 z.iter_mut().for_each(|z| *z *= UNBENT);
             }
@@ -164,26 +178,27 @@ pub fn fit_with(
 /// Adds all competitors of `kinds` to the structure of `known`, whose first fit has no competitor.
 /// The fits of `known` are kept.
 #[must_use]
-pub fn widen(
+pub fn fit_by_discrepancy(
     views: &Views,
     forward: &dyn Forward,
-    known: Wide,
-    kinds: &[Nameless],
+    known: FitsByDiscrepancy,
+    kinds: &[DiscrepancyTerm],
     settings: &Settings,
-) -> Wide {
+) -> FitsByDiscrepancy {
     let own = &known.plain().structure.terms;
-    let missing: Vec<Nameless> = (kinds.iter().copied())
+    let missing: Vec<DiscrepancyTerm> = (kinds.iter().copied())
         .filter(|kind| {
-            known.with(*kind).is_none() && !matches!(kind, Nameless::Unnamed(t) if own.contains(t))
+            known.with(*kind).is_none()
+                && !matches!(kind, DiscrepancyTerm::Unnamed(t) if own.contains(t))
         })
         .collect();
     let starts: Vec<&Fit> = known
         .fits
         .iter()
-        .filter(|(k, _)| !matches!(k, Nameless::Unnamed(_)))
+        .filter(|(k, _)| !matches!(k, DiscrepancyTerm::Unnamed(_)))
         .map(|(_, fit)| fit)
         .collect();
-    let found: Vec<(Nameless, Option<Fit>)> = missing
+    let found: Vec<(DiscrepancyTerm, Option<Fit>)> = missing
         .par_iter()
         .map(|kind| (*kind, fit_with(views, forward, *kind, &starts, settings)))
         .collect();
@@ -193,5 +208,5 @@ pub fn widen(
             .into_iter()
             .filter_map(|(kind, fit)| Some((kind, fit?))),
     );
-    Wide { fits }
+    FitsByDiscrepancy { fits }
 }
