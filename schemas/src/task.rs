@@ -96,11 +96,10 @@ impl TaskSpec {
             Self::PassiveState(_) => 8,
             Self::Discover(_) => 5,
             Self::Step1Proposal(_) => 6,
-            Self::CellFit(_) => 5,
-            Self::OrganBeat(_) => 6,
+            Self::CellFit(_) | Self::OrganBeat(_) => 6,
             Self::Step3Proposal(_) => 5,
-            Self::Targets(_) => 3,
-            Self::CellSweep(_) | Self::Posterior(_) => 2,
+            Self::Targets(_) | Self::CellSweep(_) => 3,
+            Self::Posterior(_) => 2,
             Self::Noop(_) => 1,
         }
     }

@@ -275,7 +275,7 @@ def arostica_run(page, name, title, variant):
         tested = name == "0a" and variant == "file"
         page.verdict(
             f"Aróstica 2025, step {title}, {probe}, distance to the mean of ten codes, {element}", asked, f"{apart:.4f}", met,
-            "`worker/tests/arostica.rs`: its first 0.25 s" if tested else "this page"
+            "`dev/tests/arostica.rs`: its first 0.25 s" if tested else "this page"
         )
         if name == "0b":
             inside, beyond = within_band(rows, reference, probe)

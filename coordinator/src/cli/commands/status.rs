@@ -337,7 +337,7 @@ mod tests {
 
     #[test]
     fn a_long_cohort_is_cut_and_says_so() {
-        assert!(screen(&status(), "PATIENT", 2, &PLAIN).contains("… 3 more; --all shows them"));
+        assert!(screen(&status(), "PATIENT", 2, &PLAIN).contains("… 3 more; --all shows all"));
     }
 
     #[test]

@@ -646,7 +646,7 @@ async fn requests_that_make_no_sense_are_refused_with_the_reason() {
     };
     let early = ask(Stage::Step2, json!({"step1": {"damping": 0.5}})).await;
     assert!(
-        early.contains("step1") && early.contains("before step-2"),
+        early.contains("step1") && early.contains("precedes step-2"),
         "{early}"
     );
     let unknown = ask(Stage::Step1, json!({"step1": {"dampening": 0.5}})).await;

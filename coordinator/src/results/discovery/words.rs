@@ -228,7 +228,7 @@ mod tests {
         let text = summary(&unexplained());
         assert!(
             text.contains("no effect of the catalogue explains the gap")
-                && text.contains("aortic flow (40 %"),
+                && text.contains("aortic flow explains most (40 %)"),
             "{text}"
         );
     }
