@@ -1,5 +1,6 @@
 //! Failures with the class that decides what follows.
 
+pub use cardiotwin_vocabulary::failure_cause::FailureCause;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -30,42 +31,6 @@ impl FailureClass {
     }
 }
 
-/// What a scheduler's job died of: the finer side of [`FailureClass::Site`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum SiteCause {
-    /// It used up its walltime.
-    Walltime,
-    /// It used more memory than it was given.
-    OutOfMemory,
-    /// A node failed.
-    NodeFailure,
-    /// It had to make room for another job.
-    Preemption,
-    /// A person cancelled it.
-    Cancelled,
-    /// The scheduler will never take it as it is.
-    Refused,
-    /// A program of ours panicked.
-    Defect,
-    /// It ended without a word.
-    Unexplained,
-}
-
-impl SiteCause {
-    /// All, with the words that commands take.
-    pub const ALL: [(Self, &'static str); 8] = [
-        (Self::Walltime, "walltime"),
-        (Self::OutOfMemory, "oom"),
-        (Self::NodeFailure, "node"),
-        (Self::Preemption, "preemption"),
-        (Self::Cancelled, "cancelled"),
-        (Self::Refused, "refused"),
-        (Self::Defect, "defect"),
-        (Self::Unexplained, "unexplained"),
-    ];
-}
-
 /// What went wrong, in words for a person.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Failure {
@@ -78,7 +43,7 @@ pub struct Failure {
     pub remedy: Option<String>,
     /// What a scheduler's job died of, where it was one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cause: Option<SiteCause>,
+    pub cause: Option<FailureCause>,
 }
 
 impl Failure {

@@ -6,6 +6,7 @@
 pub mod biomarker_noise;
 pub mod biomarkers;
 pub mod cell;
+pub mod failure_cause;
 pub mod label;
 pub mod step1;
 pub mod step1_settings;
