@@ -15,7 +15,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use cardiotwin_protocol::claim::{self, ClaimFile};
-use cardiotwin_protocol::{files, names, process};
+use cardiotwin_protocol::{exit_code, files, names, process};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::progress::Claim;
@@ -33,8 +33,6 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 const GRACE: Duration = Duration::from_secs(20);
 /// A claim that stays unreadable for so long was cut off by the end of its writer.
 const CLAIM_GRACE: Duration = Duration::from_secs(5);
-/// The worker's answer when another process holds the claim.
-const EXIT_CLAIMED: i32 = 3;
 
 /// Worker processes on this machine.
 #[derive(Debug)]
@@ -179,7 +177,7 @@ impl Local {
         let directory = running.directory.clone();
         let claimed_before = status
             .as_ref()
-            .is_ok_and(|s| s.code() == Some(EXIT_CLAIMED));
+            .is_ok_and(|s| s.code() == Some(i32::from(exit_code::CLAIMED)));
         let news = match self.look(&directory)? {
             // Another process has it: started by an earlier coordinator that was killed in the act.
             Found::Alive(claim) if claim.pid != running.pid => {

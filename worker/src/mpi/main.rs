@@ -10,14 +10,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use cardiotwin_protocol::exit_code;
 use cardiotwin_schemas::task::AttemptSpec;
 use cardiotwin_worker::bench;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
 use cardiotwin_worker::memory::return_large_blocks;
-use cardiotwin_worker::program::{
-    EXIT_FAILED, code_of, log, make_folder, read, read_task, restarting,
-};
+use cardiotwin_worker::program::{code_of, log, make_folder, read, read_task, restarting};
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::run::{run_attempt, simulate};
 use cardiotwin_worker::stop::StopFlag;
@@ -146,7 +145,7 @@ fn main() -> ExitCode {
     };
     let Some((universe, provided)) = mpi::initialize_with_threading(threading) else {
         eprintln!("error: MPI was initialised before");
-        return ExitCode::from(EXIT_FAILED);
+        return ExitCode::from(exit_code::FAILED);
     };
     let (rank, n_ranks) = (
         universe.world().rank() as usize,
