@@ -306,7 +306,7 @@ fn what_cannot_be_searched_is_named() {
         .complains_of(&["need a cohort"]);
     let said = call(&["discover", "patients/dev-008", "--effects", "kick"]).expect(1);
     assert!(
-        said.err.contains("no effect kick") && said.err.contains("atrial_kick"),
+        said.err.contains("unknown effect kick") && said.err.contains("atrial_kick"),
         "{}",
         said.err
     );
