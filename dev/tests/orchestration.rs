@@ -36,9 +36,9 @@ fn each_task_can_have_a_worker_process() {
 }
 
 #[test]
-fn a_quiet_tick_asks_a_modelled_slurm_two_questions() {
+fn a_quiet_tick_asks_a_modelled_slurm_one_question() {
     let found = measured(&["slurm", "--jobs", "20", "--samples", "200"]);
     let asked = found["quiet"]["commands"].as_object().unwrap();
     let n: u64 = asked.values().map(|n| n.as_u64().unwrap()).sum();
-    assert_eq!(n, 2, "{found}");
+    assert_eq!(n, 1, "{found}");
 }

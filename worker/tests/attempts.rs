@@ -98,7 +98,7 @@ fn a_noop_ends_with_an_outcome_and_a_second_start_is_refused() {
 
     let again = run(&directory);
     assert_eq!(again.status.code(), Some(3));
-    assert!(String::from_utf8_lossy(&again.stderr).contains("claimed before"));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("already been claimed"));
     assert_eq!(outcome(&directory), first);
 }
 
