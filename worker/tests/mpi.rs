@@ -379,7 +379,7 @@ fn an_attempt_says_how_many_ranks_it_needs(folder: &Path, task: &TaskSpec) {
     result(outcome.ending);
     let out = output(mpirun(2, &["run", text(&directory)]));
     assert!(
-        out.status.code() == Some(3) && said(&out).contains("claimed before"),
+        out.status.code() == Some(3) && said(&out).contains("already been claimed"),
         "{:?} {}",
         out.status,
         said(&out)
