@@ -393,7 +393,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
             reason,
         } => {
             assert!(
-                last_good_ms < 190.0 && reason.contains("Newton did not converge"),
+                last_good_ms < 190.0 && reason.contains("Newton's method did not converge"),
                 "{reason}"
             );
         }
