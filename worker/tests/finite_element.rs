@@ -418,7 +418,7 @@ fn step_0_is_read_by_beats_that_stop_go_on_diverge_and_take_effects() {
         panic!("not refused")
     };
     assert!(
-        failure.message.contains("exponents times 1"),
+        failure.message.contains("exponent factor of 1"),
         "{}",
         failure.message
     );
