@@ -1,6 +1,7 @@
 //! Arguments that the programs with and without MPI share.
 
 use clap::{Args, ValueEnum};
+use serde::Serialize;
 
 use crate::kernels::{Element, VentricleBench};
 
@@ -56,5 +57,46 @@ impl BeatArgs {
             diastolic_step_ms: 0.0,
             tolerance: self.tolerance,
         })
+    }
+}
+
+/// Form of the printed figures.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Output {
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Output {
+    /// Prints each figure on a line with its name, or all as JSON.
+    ///
+    /// # Errors
+    /// If the figures cannot be represented in JSON.
+    pub fn print(self, figures: &impl Serialize) -> anyhow::Result<()> {
+        let values = serde_json::to_value(figures)?;
+        self.print_as(&values, |values| {
+            let entries = values.as_object().into_iter().flatten();
+            entries
+                .map(|(name, value)| format!("{name:<40}{value}\n"))
+                .collect()
+        })
+    }
+
+    /// Prints `text` of the figures, or the figures as JSON.
+    ///
+    /// # Errors
+    /// If the figures cannot be represented in JSON.
+    pub fn print_as<T: Serialize>(
+        self,
+        figures: &T,
+        text: impl FnOnce(&T) -> String,
+    ) -> anyhow::Result<()> {
+        if self.json {
+            println!("{}", serde_json::to_string(figures)?);
+        } else {
+            print!("{}", text(figures));
+        }
+        Ok(())
     }
 }

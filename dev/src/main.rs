@@ -4,14 +4,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use cardiotwin_dev::arguments::BeatArgs;
+use cardiotwin_dev::arguments::{BeatArgs, Output};
 use cardiotwin_dev::mechanics_cases::run_case;
 use cardiotwin_dev::{kernels, orchestration};
 use cardiotwin_worker::memory::return_large_blocks;
 use cardiotwin_worker::provenance::VERSION_TEXT;
 use cardiotwin_worker::stop::StopFlag;
-use clap::{Args, Parser, Subcommand};
-use serde::Serialize;
+use clap::{Parser, Subcommand};
 
 #[derive(Parser)]
 #[command(name = "cardiotwin-dev", version = VERSION_TEXT, about = "Tools of cardiotwin's developers")]
@@ -89,27 +88,6 @@ enum Bench {
     Slurm(orchestration::SlurmArgs),
 }
 
-#[derive(Args, Clone, Copy)]
-struct Output {
-    /// Print JSON
-    #[arg(long)]
-    json: bool,
-}
-
-impl Output {
-    /// Prints the figures, a line each or as one object.
-    fn print(self, figures: &impl Serialize) -> anyhow::Result<()> {
-        let figures = serde_json::to_value(figures)?;
-        if self.json {
-            println!("{figures}");
-        } else {
-            let entries = figures.as_object().into_iter().flatten();
-            entries.for_each(|(name, value)| println!("{name:<40}{value}"));
-        }
-        Ok(())
-    }
-}
-
 fn main() -> ExitCode {
     return_large_blocks();
     let done = match Cli::parse().command {
@@ -180,11 +158,7 @@ fn measure(bench: Bench) -> anyhow::Result<()> {
             let comparison = kernels::strategies(seeds, |row| {
                 eprintln!("{}: {:?} done", row.case, row.strategy)
             })?;
-            if output.json {
-                return output.print(&comparison);
-            }
-            print!("{}", comparison.table());
-            Ok(())
+            output.print_as(&comparison, |comparison| comparison.table())
         }
         Bench::Shortcuts {
             nodes,
@@ -194,12 +168,7 @@ fn measure(bench: Bench) -> anyhow::Result<()> {
         } => {
             let found =
                 kernels::shortcuts(&beat.bench(nodes)?, threads as usize, &stop()?, report)?;
-            if output.json {
-                println!("{}", serde_json::to_string(&found)?);
-            } else {
-                print!("{found}");
-            }
-            Ok(())
+            output.print_as(&found, ToString::to_string)
         }
         Bench::Orchestration(_) | Bench::Slurm(_) => unreachable!("measured without kernels"),
     }

@@ -1,8 +1,8 @@
-//! What earlier programs meant by keys that they did not write.
+//! Values of keys that earlier programs did not write.
 //!
-//! A program stores all settings of a plan and of a specification, so that a key is absent only where the program did not know
-//! it. Defaults of today are no answer then: they follow the models, and a person who reads an old run would be told what it
-//! never did. The tables below say what the program did instead.
+//! A program stores all settings of a plan and of a specification, so a key is absent only if the program did not know it.
+//! The defaults of today would then describe a model that the old run never computed. The tables below hold the values that
+//! match the old program.
 
 use std::sync::OnceLock;
 
@@ -14,10 +14,10 @@ use crate::finite_element::AnatomySpec;
 use crate::formats::keep_known;
 use crate::settings::Settings;
 
-/// Keys of settings that every program has written.
+/// Keys of the settings that every version has written.
 const SETTINGS: [&str; 5] = ["solver", "step1", "step2", "verification", "executor"];
 
-/// Keys of `solver` that every program has written.
+/// Keys of `solver` that every version has written.
 const SOLVER: [&str; 8] = [
     "fidelity",
     "time_step_ms",
@@ -29,7 +29,7 @@ const SOLVER: [&str; 8] = [
     "beats",
 ];
 
-/// Keys of a wall that every program has written.
+/// Keys of a wall that every version has written.
 const WALL: [&str; 13] = [
     "guccione_C_kPa",
     "b_f",
@@ -46,7 +46,7 @@ const WALL: [&str; 13] = [
     "spectral_radius",
 ];
 
-/// The chain ended with the verification beat.
+/// Adds settings of the time when the chain ended with the verification beat.
 fn add_to_settings(settings: &mut Map<String, Value>) {
     if lacks(settings, &SETTINGS, "workflow") {
         settings.insert("workflow".into(), json!({ "until": "step2-verification" }));
@@ -56,7 +56,7 @@ fn add_to_settings(settings: &mut Map<String, Value>) {
         return;
     };
     if lacks(solver, &SOLVER, "cell_stretch") {
-        // A cell knew no other length than the one at end-diastole.
+        // The stretch of a cell was counted from its length at end-diastole.
         solver.insert("cell_stretch".into(), "end-diastole".into());
         solver.insert("slack_stretch".into(), 1.0.into());
     }
@@ -65,7 +65,8 @@ fn add_to_settings(settings: &mut Map<String, Value>) {
     }
 }
 
-/// The wall had no pericardial dashpots, the same supports and the same contraction everywhere, and stress along the fibre alone.
+/// Adds settings of the time when the wall had no pericardial dashpots, uniform supports and contraction, and active stress
+/// along the fibre only.
 fn add_to_wall_beside_element(holder: &mut Map<String, Value>) {
     let is_linear_nodal = holder.get("element").and_then(Value::as_str) == Some("linear-nodal");
     let Some(wall) = table(holder, "wall") else {
@@ -92,7 +93,7 @@ fn add_to_wall_beside_element(holder: &mut Map<String, Value>) {
     }
 }
 
-/// Whether a table is whole, as a program writes it, and from before `key`.
+/// Whether a table is complete, as a program writes it, but lacks `key`.
 fn lacks(table: &Map<String, Value>, always: &[&str], key: &str) -> bool {
     !table.contains_key(key) && always.iter().all(|always| table.contains_key(*always))
 }
@@ -101,7 +102,7 @@ fn table<'a>(holder: &'a mut Map<String, Value>, key: &str) -> Option<&'a mut Ma
     holder.get_mut(key).and_then(Value::as_object_mut)
 }
 
-/// Settings as a program stored them; keys of a later program are left out.
+/// Reads stored settings. Keys of later programs are dropped.
 pub(crate) fn settings<'de, D: Deserializer<'de>>(from: D) -> Result<Settings, D::Error> {
     static SCHEMA: OnceLock<Value> = OnceLock::new();
     let schema = SCHEMA.get_or_init(|| schemars::schema_for!(Settings).into());
@@ -113,7 +114,7 @@ pub(crate) fn settings<'de, D: Deserializer<'de>>(from: D) -> Result<Settings, D
     Settings::deserialize(stored).map_err(D::Error::custom)
 }
 
-/// What a program stored of the finite-element ventricle that step 0 makes; keys of a later program are left out.
+/// Reads the stored anatomy of step 0's finite-element ventricle. Keys of later programs are dropped.
 pub(crate) fn anatomy<'de, D: Deserializer<'de>>(from: D) -> Result<Option<AnatomySpec>, D::Error> {
     static SCHEMA: OnceLock<Value> = OnceLock::new();
     let schema = SCHEMA.get_or_init(|| schemars::schema_for!(AnatomySpec).into());

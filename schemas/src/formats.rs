@@ -1,15 +1,15 @@
-//! Every format that is written to be read again, each with a version of its own, and the one way to read its JSON.
+//! Formats of files, database columns and answers, each with its own version, and the reader of their JSON.
 //!
 //! | question | answer |
 //! |---|---|
-//! | When is a version raised? | Where a program that knows the old version alone would misread what is new |
-//! | What is an addition? | A key that earlier programs may leave out of account: they do, and the version stays |
-//! | Where does a version stand? | In the key `schema_version`; JSON without that key has version 1; binary files say it in their first line, a database in `user_version` |
-//! | What does a reader do? | It reads its own version and all before, and refuses later ones |
+//! | When is a version raised? | When a program that knows only the old version would misread the new content |
+//! | What is an addition? | A key that earlier programs may ignore, and do; the version stays |
+//! | Where is a version stored? | In the key `schema_version`; JSON without that key has version 1. Binary files have it in their first line, a database in `user_version` |
+//! | What does a reader accept? | Its own version and all earlier ones; it refuses later ones |
 //!
-//! A file of each format as it is today lies under [`Format::golden`]; tests read all of them, so that a later version of the
-//! programs reads what this one wrote. Files that people write (`cohort.toml`, `patient.toml`, `prepare.toml`) have no version:
-//! an unknown key is refused with the key that was meant.
+//! [`Format::golden`] is a present-day file of the format. Tests read all of these files, so that later programs read the
+//! files of this one. Files that people write (`cohort.toml`, `patient.toml`, `prepare.toml`) have no version:
+//! the reader refuses an unknown key and suggests the nearest known one.
 
 use std::collections::BTreeSet;
 
@@ -18,21 +18,21 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// A format, its version, and who deals with it.
+/// A format with its version, its writer and its reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Format {
-    /// As messages and documents name it.
+    /// Name in messages and documents.
     pub name: &'static str,
-    /// What is written now.
+    /// Version that is written.
     pub version: u32,
-    /// Where it stands: a file, a column of the database, the answer of a command.
+    /// File, column of the database, or command whose answer has this format.
     pub place: &'static str,
-    /// Who writes it.
+    /// Program that writes it.
     pub writer: &'static str,
-    /// Who reads it.
+    /// Program that reads it.
     pub reader: &'static str,
-    /// A small one of today, relative to the repository's root; empty for answers that no program of ours reads, and for what a
-    /// program computes anew where it meets another version.
+    /// Path of the golden file from the repository's root. It is empty for answers that only users' programs read, and for
+    /// files that are recomputed if their version differs.
     pub golden: &'static str,
 }
 
@@ -57,44 +57,44 @@ macro_rules! formats {
 }
 
 formats! {
-    /// All that a program of ours or somebody else's keeps and reads, in the order of `docs/formats.md`.
+    /// Formats that a program stores and reads, in the order of `docs/formats.md`.
     ALL;
 
-    /// The task of an attempt. The only format whose reader refuses unknown keys: an order is understood in full or not done.
+    /// Task of an attempt. Its reader refuses unknown keys, because a worker must understand an order in full.
     SPEC { "attempt's specification", 1, "`spec.json`", "coordinator, driver", "worker", "schemas/tests/golden/spec.json" }
-    /// Who works on an attempt.
+    /// Worker process that holds an attempt.
     CLAIM { "claim", 1, "`started.json`", "worker", "coordinator, worker", "schemas/tests/golden/claim.json" }
-    /// A worker's reports.
+    /// Progress of a worker.
     PROGRESS { "progress", 1, "`progress.jsonl`", "worker", "coordinator", "schemas/tests/golden/progress.jsonl" }
-    /// How an attempt ended.
+    /// Ending of an attempt.
     OUTCOME { "outcome", 1, "`outcome.json`, column `tasks.outcome`", "worker", "coordinator", "schemas/tests/golden/outcome.json" }
-    /// The coordinator's word in an outcome's place.
+    /// Revocation of an attempt, under the name of its outcome.
     REVOCATION { "revocation", 1, "`outcome.json`", "coordinator", "coordinator, worker", "schemas/tests/golden/revocation.json" }
     /// The job that made an attempt's directory.
     ALLOCATION { "attempt's allocation", 1, "`allocation.json`", "driver", "coordinator, driver", "schemas/tests/golden/allocation.json" }
     /// The wall of a 3D simulation for pictures.
     HEART { "heart surface", 1, "`heart.json`", "worker", "coordinator", "schemas/tests/golden/heart.json" }
-    /// What an external solver is given.
+    /// Parameters for an external solver.
     EXTERNAL_PARAMETERS { "external parameters", 1, "parameters of an external solver", "worker", "external solver", "schemas/tests/golden/external-parameters.json" }
     /// Named arrays with a header and a checksum.
     ARRAYS { "arrays", 1, "`ventricle.bin`, `checkpoint/beat.bin`", "worker", "worker", "worker/tests/golden/arrays.bin" }
-    /// What `ventricle.bin` holds.
+    /// Arrays of `ventricle.bin`.
     VENTRICLE { "ventricle", 2, "arrays of `ventricle.bin`", "worker", "worker", "" }
-    /// What a beat's checkpoint holds.
+    /// Arrays of a beat's checkpoint.
     BEAT_CHECKPOINT { "beat checkpoint", 4, "arrays of `checkpoint/beat.bin`", "worker", "worker", "" }
-    /// Costs that an optimiser was given.
+    /// Costs that an optimiser received.
     SEARCH_JOURNAL { "search journal", 2, "`checkpoint/told-costs`", "worker", "worker", "worker/tests/golden/told-costs" }
-    /// Lines of samples as they are computed.
+    /// Samples in the order in which they were computed.
     SAMPLE_LOG { "sample log", 1, "`checkpoint/samples`", "worker", "worker", "worker/tests/golden/samples" }
 
-    /// What an element of a cluster's job is to do.
+    /// Work of one element of a cluster job.
     JOB_ORDER { "job order", 1, "`order-E.json`", "coordinator", "driver", "schemas/tests/golden/job-order.json" }
     /// A driver's claim on an element's node.
     DRIVER_CLAIM { "driver's claim", 1, "`started-E-N.json`", "driver", "coordinator", "schemas/tests/golden/driver-claim.json" }
-    /// A driver's last word.
+    /// Final report of a driver.
     DRIVER_END { "driver's end", 1, "`ended-E-N.json`", "driver", "coordinator", "schemas/tests/golden/driver-end.json" }
 
-    /// Tables of a run. Migrations bring earlier versions up to it.
+    /// Database of a run. Migrations raise earlier versions to this one.
     DATABASE { "database", 2, "`cardiotwin.db`", "coordinator", "coordinator", "coordinator/src/store/golden/database.sql" }
     /// A patient's machine.
     PATIENT_STATE { "patient's state", 1, "column `patients.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/patient-states.json" }
@@ -104,38 +104,38 @@ formats! {
     ATTEMPT_STATE { "attempt's state", 1, "column `attempts.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/attempt-states.json" }
     /// The machine of a cluster's job.
     JOB_STATE { "cluster job's state", 1, "column `jobs.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/job-states.json" }
-    /// What happened to the machines.
+    /// Events of the state machines.
     EVENTS { "events", 1, "column `events.event`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/events.json" }
-    /// A patient's chain as far as it is settled.
+    /// Settled part of a patient's chain.
     CHAIN { "chain", 1, "column `plans.chain`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/chain.json" }
-    /// All that a patient's tasks follow from.
+    /// Settings and inputs from which a patient's tasks are derived.
     PLAN { "plan", 1, "columns `plans.given`, `plans.plan`", "coordinator", "coordinator", "schemas/tests/golden/plan.json" }
-    /// What was decided and is to be done.
+    /// Actions that were decided and are still to be executed.
     ACTIONS { "actions", 1, "column `outbox.action`", "coordinator", "coordinator", "coordinator/src/store/golden/actions.json" }
-    /// What was asked of a cluster, and what it said.
+    /// Requests to a cluster and its answers.
     JOB_BOOKS { "cluster job's books", 1, "columns `jobs.spec`, `jobs.seen`, `allotments.allotment`", "coordinator", "coordinator", "coordinator/src/store/golden/job-books.json" }
-    /// Who holds a run.
+    /// Process that holds a run.
     LOCK { "lock", 1, "`coordinator.lock`", "coordinator", "coordinator", "coordinator/src/store/golden/lock.json" }
-    /// Who holds a run among hosts.
+    /// Host that holds a run on a shared file system.
     LEASE { "lease", 1, "`lease/*.json`", "coordinator", "coordinator", "coordinator/src/store/golden/lease.json" }
-    /// What commands ask of a running coordinator.
+    /// Request of a command to a running coordinator.
     REQUEST { "request", 1, "`requests/*.json`", "coordinator's commands", "coordinator", "coordinator/src/engine/golden/requests.json" }
 
-    /// What a folder of a sweep is about.
+    /// Specification of a sweep.
     SWEEP { "sweep", 1, "`sweep.json`", "coordinator", "coordinator", "schemas/tests/golden/sweep.json" }
     /// Results of a sensitivity sweep.
     SENSITIVITY { "sensitivity", 1, "`results/sensitivity.json`", "coordinator", "coordinator", "schemas/tests/golden/sensitivity.json" }
     /// Results of a robustness sweep.
     ROBUSTNESS { "robustness", 1, "`results/robustness.json`", "coordinator", "coordinator", "schemas/tests/golden/robustness.json" }
-    /// What a search for missing effects found.
+    /// Findings of a search for missing effects.
     DISCOVER_CASE { "discover case", 1, "`discover/discover.json`, `cardiotwin discover --json`", "coordinator", "coordinator", "schemas/tests/golden/discover-case.json" }
     /// Findings about a patient.
     MODEL { "patient's model", 1, "`model.toml`", "coordinator, people", "coordinator", "schemas/tests/golden/model.toml" }
-    /// How recordings became a patient's files.
+    /// Steps from recordings to a patient's files.
     PREPARATION { "preparation", 1, "`prepared/prepare.json`, `cardiotwin prepare --json`", "coordinator", "people's programs", "schemas/tests/golden/preparation.json" }
     /// A message to people.
     NOTICE { "notice", 1, "standard input of a notice's command", "coordinator", "people's programs", "schemas/tests/golden/notice.json" }
-    /// Where patients of a run stand.
+    /// State of each patient of a run.
     STATUS { "status", 1, "`cardiotwin status --json`", "coordinator", "people's programs", "schemas/tests/golden/status.json" }
     /// A run with all results.
     RUN_RECORD { "run record", 1, "`cardiotwin show --json`, `record.json` of an RO-Crate", "coordinator", "people's programs", "schemas/tests/golden/run-record.json" }
@@ -145,85 +145,85 @@ formats! {
     AFTERLOAD_FIT { "afterload fit", 1, "`cardiotwin fit afterload --json`", "coordinator", "people's programs", "schemas/tests/golden/afterload-fit.json" }
     /// An afterload fitted to a cuff's pressures.
     CUFF_FIT { "cuff fit", 1, "`cardiotwin fit afterload --cuff --json`", "coordinator", "people's programs", "schemas/tests/golden/cuff-fit.json" }
-    /// Effects that an afterload lacks.
+    /// Missing effects of an afterload.
     AFTERLOAD_DISCOVERY { "afterload discovery", 1, "`cardiotwin discover --afterload --json`", "coordinator", "people's programs", "schemas/tests/golden/afterload-discovery.json" }
 }
 
 formats! {
-    /// Answers of commands with `--json` that have no other format: people's programs read them, and ours do not.
+    /// Answers of commands with `--json` that have no other format. Only users' programs read them.
     ANSWERS;
 
-    /// What is wrong with a cohort.
+    /// Problems of a cohort.
     CHECK { "check", 1, "`cardiotwin check --json`", "coordinator", "people's programs", "" }
     /// Two runs side by side.
     COMPARISON { "comparison", 1, "`cardiotwin compare --json`", "coordinator", "people's programs", "" }
-    /// What stands in the way of a run.
+    /// Obstacles to a run on this machine.
     DOCTOR { "doctor's findings", 1, "`cardiotwin doctor --json`", "coordinator", "people's programs", "" }
     /// Files that an export wrote.
     EXPORT { "export", 1, "`cardiotwin export --json`", "coordinator", "people's programs", "" }
-    /// What is wrong with a mesh.
+    /// Defects of a mesh.
     MESH_CHECK { "mesh check", 1, "`cardiotwin mesh check --json`", "coordinator", "people's programs", "" }
-    /// What was done to a mesh.
+    /// Repairs of a mesh.
     MESH_REPAIR { "mesh repair", 1, "`cardiotwin mesh repair --json`", "coordinator", "people's programs", "" }
     /// Twins under changed conditions.
     PREDICTION { "prediction", 1, "`cardiotwin predict --json`", "coordinator", "people's programs", "" }
-    /// One simulation.
+    /// Result of one simulation.
     SIMULATION { "simulation", 1, "`cardiotwin simulate --json`", "coordinator", "people's programs", "" }
-    /// A call of a sensitivity sweep.
+    /// Result of one call of a sensitivity sweep.
     SWEEP_OUTCOME { "sweep's outcome", 1, "`cardiotwin sweep gsa --json`", "coordinator", "people's programs", "" }
-    /// How far a sensitivity sweep is.
+    /// Progress of a sensitivity sweep.
     SENSITIVITY_STATUS { "sensitivity's status", 1, "`cardiotwin sweep status --json`", "coordinator", "people's programs", "" }
-    /// How far a robustness sweep is.
+    /// Progress of a robustness sweep.
     ROBUSTNESS_STATUS { "robustness's status", 1, "`cardiotwin sweep status --json`", "coordinator", "people's programs", "" }
 }
 
-/// Something that cannot be read as what it should be.
+/// Errors in reading a format.
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
-    /// A later program wrote it.
+    /// The version is later than the known one.
     #[error(
         "{place}: {format} of version {found}, expected version {known} or earlier; read it with the program that wrote it, or with \
          a later one"
     )]
     Newer {
-        /// File or row.
+        /// File or row of the database.
         place: String,
-        /// What it is.
+        /// Name of the format.
         format: &'static str,
-        /// Its version.
+        /// Version found.
         found: u32,
-        /// The latest that this program reads.
+        /// Latest version that this program reads.
         known: u32,
     },
-    /// It is damaged or something else.
+    /// The content is damaged, or of another format.
     #[error("{place}: cannot be read as {format} of version {version}")]
     Content {
-        /// File or row.
+        /// File or row of the database.
         place: String,
-        /// What it should be.
+        /// Name of the expected format.
         format: &'static str,
-        /// Version by its own word.
+        /// Version that the content states.
         version: u32,
-        /// Where and why.
+        /// Position and reason of the parser's error.
         source: serde_json::Error,
     },
-    /// An order with keys that this program does not know.
+    /// An order has keys that this program does not know.
     #[error(
         "{place}: {format} with keys that this program does not know: {keys}; carry it out with the program of the version that \
          wrote it"
     )]
     UnknownKeys {
-        /// File or row.
+        /// File or row of the database.
         place: String,
-        /// What it is.
+        /// Name of the format.
         format: &'static str,
-        /// The keys, dotted.
+        /// Unknown keys with their dotted paths.
         keys: String,
     },
 }
 
 impl FormatError {
-    /// The sentence with its cause, for places that keep no causes.
+    /// Message with its cause, for callers that store text only.
     #[must_use]
     pub fn in_full(&self) -> String {
         match self {
@@ -233,7 +233,7 @@ impl FormatError {
     }
 }
 
-/// The part of every format that never changes.
+/// Part that all formats share in all versions.
 #[derive(Deserialize)]
 struct Head {
     #[serde(default = "first")]
@@ -245,10 +245,9 @@ const fn first() -> u32 {
 }
 
 impl Format {
-    /// Reads JSON of this format: of this version or an earlier one. Keys that this program does not know are additions of a later
-    /// one, and are left out of account.
+    /// Reads JSON of this version or an earlier one. Unknown keys are additions of later programs and are ignored.
     ///
-    /// - `place`: file or row, for the message
+    /// - `place`: file or row of the database, for the message
     ///
     /// # Errors
     /// [`FormatError::Newer`], [`FormatError::Content`].
@@ -261,8 +260,7 @@ impl Format {
         serde_json::from_slice(json).map_err(|source| self.content(place, version, source))
     }
 
-    /// Reads an order, as [`Format::read`] does, and refuses keys that this program does not know: what an order wants must be
-    /// understood in full.
+    /// Reads an order as [`Format::read`] does, but refuses unknown keys, because an order must be understood in full.
     ///
     /// # Errors
     /// As [`Format::read`]; [`FormatError::UnknownKeys`].
@@ -282,7 +280,10 @@ impl Format {
             both().map_err(|source| self.content(place, self.version, source))?;
         let mut lost = Vec::new();
         collect_lost(&given, &taken, "", &mut lost);
-        // A key that is known is left out where its value is the default.
+        if lost.is_empty() {
+            return Ok(order);
+        }
+        // Serialisation omits some known keys with default values.
         let schema: Value = schemars::schema_for!(T).into();
         let mut known = BTreeSet::new();
         collect_keys(&schema, &mut known);
@@ -297,7 +298,7 @@ impl Format {
         })
     }
 
-    /// Name and version, as the header of a file of arrays tells them.
+    /// Name and version as in the header of a file of arrays.
     #[must_use]
     pub fn kind(&self) -> String {
         format!("{} {}", self.name, self.version)
@@ -341,7 +342,7 @@ impl Format {
     }
 }
 
-/// Names of all keys that a schema lists anywhere.
+/// Collects the names of all keys in a schema.
 fn collect_keys<'a>(schema: &'a Value, keys: &mut BTreeSet<&'a str>) {
     match schema {
         Value::Object(table) => {
@@ -359,7 +360,7 @@ fn collect_keys<'a>(schema: &'a Value, keys: &mut BTreeSet<&'a str>) {
     }
 }
 
-/// Keys of `given`, dotted, that did not come through reading.
+/// Collects the dotted keys of `given` that `taken` lacks.
 fn collect_lost(given: &Value, taken: &Value, key: &str, lost: &mut Vec<String>) {
     match (given, taken) {
         (Value::Object(given), Value::Object(taken)) => {
@@ -382,7 +383,7 @@ fn collect_lost(given: &Value, taken: &Value, key: &str, lost: &mut Vec<String>)
     }
 }
 
-/// Removes keys that a schema does not know, wherever it lists the keys of a table.
+/// Removes the unknown keys of each table whose keys the schema lists.
 pub(crate) fn keep_known(value: &mut Value, schema: &Value) {
     walk(value, schema, schema);
 }

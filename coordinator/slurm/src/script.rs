@@ -84,7 +84,7 @@ pub enum ScriptError {
     Text {
         /// Name of the text.
         what: &'static str,
-        /// The text.
+        /// Rejected text.
         found: String,
         /// Reason why it cannot be part of a script.
         why: &'static str,

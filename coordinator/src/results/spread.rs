@@ -11,7 +11,7 @@ pub const LEVELS: [u32; 5] = [5, 25, 50, 75, 95];
 /// The spread of one quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spread {
-    /// The quantity.
+    /// Quantity whose runs are compared.
     pub kind: SignalKind,
     /// One trace for each of [`LEVELS`].
     pub levels: [Vec<(f64, f64)>; 5],

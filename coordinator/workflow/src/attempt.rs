@@ -43,7 +43,7 @@ pub enum Attempt {
     Cancelling,
     /// The attempt is over.
     Done {
-        /// Its ending.
+        /// Success, failure or interruption of the attempt.
         how: AttemptEnding,
     },
 }
@@ -116,7 +116,7 @@ pub enum AttemptEvent {
     },
     /// The attempt ended.
     Ended {
-        /// Its ending.
+        /// Success, failure or interruption of the attempt.
         how: AttemptEnding,
     },
 }

@@ -72,7 +72,7 @@ pub enum Element {
     Stopping,
     /// The element is over.
     Over {
-        /// Its ending.
+        /// Scheduler's account of the element's end.
         ending: Ending,
     },
 }
@@ -139,7 +139,7 @@ pub enum JobEvent {
     Ended {
         /// Index of the element.
         element: usize,
-        /// Its ending.
+        /// Scheduler's account of the element's end.
         ending: Ending,
     },
 }

@@ -96,7 +96,7 @@ impl fmt::Display for Stage {
      posterior"
 )]
 pub struct UnknownStage {
-    /// The word.
+    /// Text that names no step.
     pub found: String,
 }
 

@@ -65,7 +65,7 @@ pub enum TaskEvent {
     Ended {
         /// Generation of the attempt.
         generation: u32,
-        /// Its ending.
+        /// Success, failure or interruption of the attempt.
         how: AttemptEnding,
         /// Number of site failures that are forgiven.
         site_retries: u32,

@@ -19,10 +19,10 @@ use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 
+use cardiotwin_worker::error::chain;
 use cardiotwin_worker::finite_element::wall;
 use cardiotwin_worker::stop::StopFlag;
 pub use error::CaseError;
-use error::chain;
 use file::{CaseFile, TimeTable};
 use model::Model;
 use output::Table;

@@ -13,7 +13,9 @@ use cardiotwin_mesh::refine::halve_edges;
 use cardiotwin_mesh::tet_mesh::{shape_gradients, surface_names};
 use cardiotwin_mesh::{LengthUnit, TetMesh, laplace};
 
-use super::error::{CaseError, chain};
+use cardiotwin_worker::error::chain;
+
+use super::error::CaseError;
 use super::file::{CaseFile, CourseTable, DepthTable, FibreTable};
 use super::names;
 

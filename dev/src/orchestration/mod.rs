@@ -9,8 +9,8 @@ use cardiotwin::engine::{
     ClusterBenchOptions, ClusterBenchResult, StopSignal, TickCost, measure_cluster,
 };
 use clap::Args;
-use serde::Serialize;
 
+use crate::arguments::Output;
 use local::{BenchOptions, BenchResult};
 
 /// Arguments of `cardiotwin-dev bench orchestration`.
@@ -34,9 +34,8 @@ pub struct OrchestrationArgs {
     /// The worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
-    /// One JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
     /// Drive the run and measure nothing: --kill starts this program so
     #[arg(long, hide = true, requires = "run_dir")]
     drive_only: bool,
@@ -51,9 +50,8 @@ pub struct SlurmArgs {
     /// Samples, each a task of its own
     #[arg(long, value_name = "N", default_value_t = 100_000)]
     samples: usize,
-    /// One JSON object instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Measures the coordinator over the jobs of a modelled Slurm and prints the figures.
@@ -68,7 +66,7 @@ pub fn measure_slurm(args: &SlurmArgs) -> anyhow::Result<()> {
         samples: args.samples,
     };
     let result = runtime()?.block_on(measure_cluster(&options))?;
-    print(&result, args.json, slurm_text)
+    args.output.print_as(&result, slurm_text)
 }
 
 /// Measures the coordinator alone and prints the figures.
@@ -104,7 +102,7 @@ pub fn measure(args: &OrchestrationArgs) -> anyhow::Result<()> {
         options.victim = Some(victim(&options));
     }
     let result = runtime()?.block_on(local::orchestration(&options))?;
-    print(&result, args.json, text)
+    args.output.print_as(&result, text)
 }
 
 fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
@@ -112,19 +110,6 @@ fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
         .enable_all()
         .build()
         .context("cannot start the runtime")
-}
-
-fn print<T: Serialize>(
-    figures: &T,
-    json: bool,
-    text: impl FnOnce(&T) -> String,
-) -> anyhow::Result<()> {
-    if json {
-        println!("{}", serde_json::to_string(figures)?);
-    } else {
-        print!("{}", text(figures));
-    }
-    Ok(())
 }
 
 fn slurm_text(result: &ClusterBenchResult) -> String {

@@ -206,7 +206,7 @@ fn on_ranks(
         // If one of these threads panics, the panic hook ends all ranks.
         for k in 1..per_process {
             let (work, launched) = (&work, &launched);
-            scope.spawn(move || drop(work(k, launched)));
+            scope.spawn(move || work(k, launched));
         }
         work(0, &launched)
     });
