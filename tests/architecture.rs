@@ -2,6 +2,8 @@
 //! dependencies refused to solvers, and the length of files. A failure names the file, the line,
 //! the rule and its reason.
 
+#[path = "architecture/circles.rs"]
+mod circles;
 #[path = "architecture/picture.rs"]
 mod picture;
 #[path = "architecture/scan.rs"]
@@ -239,6 +241,59 @@ fn rooms_of_the_coordinator_import_only_what_the_table_allows() {
     );
 }
 
+/// `solver/mesh/src/checks/mod.rs` in `solver/mesh/src` is the module `checks`.
+fn module_in(source: &str, file: &str) -> Vec<String> {
+    let path = file
+        .trim_start_matches(source)
+        .trim_start_matches('/')
+        .trim_end_matches(".rs");
+    path.split('/')
+        .filter(|part| !matches!(*part, "mod" | "lib" | "main"))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// Files that use each other can only be read together. The table counts the circles that are left; their number may only
+/// fall.
+#[test]
+fn files_of_a_crate_do_not_use_each_other_in_circles() {
+    let metadata = cargo_metadata::MetadataCommand::new()
+        .manifest_path(root().join("Cargo.toml"))
+        .no_deps()
+        .exec()
+        .expect("cargo metadata describes the workspace");
+    let mut problems = Vec::new();
+    for package in &metadata.packages {
+        let folder = package
+            .manifest_path
+            .parent()
+            .expect("a manifest lies in a folder");
+        let folder = folder
+            .as_std_path()
+            .strip_prefix(root())
+            .expect("of the workspace");
+        let source = folder.join("src").to_string_lossy().into_owned();
+        let files = rust_files(&source).into_iter();
+        // Programs use the library from outside.
+        let of_library =
+            files.filter(|(file, _)| !file.ends_with("src/main.rs") && !file.contains("/src/bin/"));
+        let by_module = of_library.map(|(file, text)| (module_in(&source, &file), (file, text)));
+        let found = circles::circles(by_module.collect());
+        let name = short(package.name.as_str()).unwrap_or_default();
+        let left = table::CIRCLES.iter().find(|(who, _)| *who == name);
+        let n_left = left.map_or(0, |(_, n)| *n);
+        if found.len() != n_left {
+            let list: Vec<String> = found.iter().map(|circle| circle.join(" ")).collect();
+            problems.push(format!(
+                "crate {name} has {} circles of files, tests/architecture/table.rs says {n_left}:\n    {}",
+                found.len(),
+                list.join("\n    ")
+            ));
+        }
+    }
+    none(problems, "circles of files");
+}
+
 #[test]
 fn places_do_not_use_the_foreign_names_refused_there() {
     let mut problems = Vec::new();
@@ -422,7 +477,36 @@ fn the_document_draws_the_house_as_it_stands() {
     }
 }
 
-/// The reader itself: a rule is worth what the reader sees.
+/// Tests the reader of circles: it follows re-exports, `super`, groups and globs, and ignores tests.
+#[test]
+fn circles_are_seen_through_re_exports() {
+    let file = |module: &str, text: &str| {
+        let names = module.split("::").filter(|name| !name.is_empty());
+        let module: Vec<String> = names.map(str::to_owned).collect();
+        (module, (String::new(), text.to_owned()))
+    };
+    let found = circles::circles(
+        [
+            file(
+                "",
+                "mod a; pub mod b; mod c; mod d; #[cfg(test)] mod tests;",
+            ),
+            file("a", "mod inner; pub use inner::Thing; use crate::b::B;"),
+            file(
+                "a::inner",
+                "pub struct Thing; #[cfg(test)] mod tests { use crate::b::B; }",
+            ),
+            file("b", "use crate::a::Thing as Other; pub struct B;"),
+            file("c", "use super::{b::B, d::*};"),
+            file("d", "fn f() { crate::c::g() }"),
+            file("tests", "use crate::c::g; use crate::d::f;"),
+        ]
+        .into(),
+    );
+    assert_eq!(found, [["c", "d"]]);
+}
+
+/// Tests the reader of sources, on which every rule depends.
 #[test]
 fn the_reader_sees_through_groups_comments_literals_and_modules() {
     let source = r##"

@@ -1,5 +1,6 @@
 //! Failures, with the class that determines the reaction.
 
+pub use cardiotwin_vocabulary::failure_cause::FailureCause;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -31,42 +32,6 @@ impl FailureClass {
     }
 }
 
-/// Reason why a scheduler's job ended, a refinement of the class `site`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum SiteCause {
-    /// The job used up its walltime.
-    Walltime,
-    /// The job used more memory than it was given.
-    OutOfMemory,
-    /// A node failed.
-    NodeFailure,
-    /// The job was preempted by another one.
-    Preemption,
-    /// A person cancelled the job.
-    Cancelled,
-    /// The scheduler will never accept the job as it is.
-    Refused,
-    /// One of our programs panicked.
-    Defect,
-    /// The job ended without any trace of the reason.
-    Unexplained,
-}
-
-impl SiteCause {
-    /// All causes, with their names in commands.
-    pub const ALL: [(Self, &'static str); 8] = [
-        (Self::Walltime, "walltime"),
-        (Self::OutOfMemory, "oom"),
-        (Self::NodeFailure, "node"),
-        (Self::Preemption, "preemption"),
-        (Self::Cancelled, "cancelled"),
-        (Self::Refused, "refused"),
-        (Self::Defect, "defect"),
-        (Self::Unexplained, "unexplained"),
-    ];
-}
-
 /// A failure of a task with an explanation for people.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Failure {
@@ -79,7 +44,7 @@ pub struct Failure {
     pub remedy: Option<String>,
     /// Reason why a scheduler's job ended, if the task ran in one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cause: Option<SiteCause>,
+    pub cause: Option<FailureCause>,
 }
 
 impl Failure {

@@ -25,6 +25,17 @@ pub struct Path {
     pub in_tests: bool,
     /// Whether `!` follows, as in a call of a macro.
     pub is_macro: bool,
+    /// Present in a `use`.
+    pub import: Option<Import>,
+}
+
+/// How a `use` takes a path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Import {
+    /// Whether others may use the name from here.
+    pub is_public: bool,
+    /// The name behind `as`.
+    pub alias: Option<String>,
 }
 
 fn is_name(c: char) -> bool {
@@ -128,6 +139,7 @@ pub fn paths(text: &str) -> Vec<Path> {
     let mut reader = Reader {
         tokens: &tokens,
         at: 0,
+        import: None,
         found: Vec::new(),
     };
     // Open braces. Those of an inline module have its name and whether it is for tests.
@@ -150,13 +162,18 @@ pub fn paths(text: &str) -> Vec<Path> {
                 test_next = false;
                 reader.at += 3;
             }
+            Token::Name(word) if word == "use" => {
+                reader.import = Some(reader.is_public());
+                reader.at += 1;
+            }
             Token::Name(_) => {
                 let modules = braces
                     .iter()
                     .flatten()
                     .map(|(name, _)| name.clone())
                     .collect::<Vec<_>>();
-                let in_tests = braces.iter().flatten().any(|(_, test)| *test);
+                let in_tests = braces.iter().flatten().any(|(_, test)| *test)
+                    || (test_next && reader.import.is_some());
                 let first = reader.found.len();
                 reader.path(Vec::new());
                 for path in &mut reader.found[first..] {
@@ -176,6 +193,7 @@ pub fn paths(text: &str) -> Vec<Path> {
             }
             Token::Sign(';') => {
                 test_next = false;
+                reader.import = None;
                 reader.at += 1;
             }
             Token::Separator | Token::Sign(_) => reader.at += 1,
@@ -187,6 +205,8 @@ pub fn paths(text: &str) -> Vec<Path> {
 struct Reader<'a> {
     tokens: &'a [(usize, Token)],
     at: usize,
+    /// In a `use`: whether it is public.
+    import: Option<bool>,
     found: Vec<Path>,
 }
 
@@ -208,11 +228,29 @@ impl Reader<'_> {
         name(2) == "cfg" && (name(4) == "test" || (name(4) == "all" && name(6) == "test"))
     }
 
+    /// Whether `pub` or `pub(…)` stands before the present token.
+    fn is_public(&self) -> bool {
+        let mut before = self.tokens[..self.at].iter().rev().map(|(_, token)| token);
+        let mut token = before.next();
+        if token == Some(&Token::Sign(')')) {
+            token = before
+                .by_ref()
+                .find(|token| **token == Token::Sign('('))
+                .and(before.next());
+        }
+        token == Some(&Token::Name("pub".to_owned()))
+    }
+
     /// Reads `a::b::{c, d::e}` from a name on; `before` holds the names to the left.
     fn path(&mut self, before: Vec<String>) {
         let mut names = before;
         loop {
             let Some((_, Token::Name(name))) = self.peek(0).cloned() else {
+                if self.import.is_some() && self.sees(0, '*') {
+                    names.push("*".to_owned());
+                    self.at += 1;
+                    self.push(names);
+                }
                 return;
             };
             names.push(name);
@@ -228,7 +266,7 @@ impl Reader<'_> {
                 self.at += 1;
                 while !self.sees(0, '}') && self.peek(0).is_some() {
                     match self.peek(0) {
-                        Some((_, Token::Name(_))) => self.path(names.clone()),
+                        Some((_, Token::Name(_) | Token::Sign('*'))) => self.path(names.clone()),
                         _ => self.at += 1,
                     }
                 }
@@ -236,14 +274,34 @@ impl Reader<'_> {
                 return;
             }
         }
+        self.push(names);
+    }
+
+    fn push(&mut self, names: Vec<String>) {
         let is_macro = self.sees(0, '!') && !self.sees(1, '=');
+        let import = self.import.map(|is_public| Import {
+            is_public,
+            alias: self.alias(),
+        });
         self.found.push(Path {
             line: 0,
             names,
             modules: Vec::new(),
             in_tests: false,
             is_macro,
+            import,
         });
+    }
+
+    /// Reads `as name`.
+    fn alias(&mut self) -> Option<String> {
+        match (self.peek(0).cloned(), self.peek(1).cloned()) {
+            (Some((_, Token::Name(word))), Some((_, Token::Name(alias)))) if word == "as" => {
+                self.at += 2;
+                Some(alias)
+            }
+            _ => None,
+        }
     }
 }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
+use cardiotwin_protocol::exit_code;
 use cardiotwin_schemas::formats::SPEC;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use tracing::Level;
@@ -12,20 +13,13 @@ use tracing::Level;
 use crate::attempt::AttemptError;
 use crate::checkpoint::Checkpoints;
 
-/// Exit code if no outcome was published for a reason other than the two below.
-pub const EXIT_FAILED: u8 = 1;
-/// Exit code if the attempt was claimed before.
-pub const EXIT_CLAIMED: u8 = 3;
-/// Exit code if the attempt was revoked.
-pub const EXIT_REVOKED: u8 = 4;
-
 /// Exit code for an error that prevented the outcome.
 #[must_use]
 pub fn code_of(error: &anyhow::Error) -> ExitCode {
     ExitCode::from(match error.downcast_ref::<AttemptError>() {
-        Some(AttemptError::Claimed { .. }) => EXIT_CLAIMED,
-        Some(AttemptError::Revoked { .. }) => EXIT_REVOKED,
-        _ => EXIT_FAILED,
+        Some(AttemptError::Claimed { .. }) => exit_code::CLAIMED,
+        Some(AttemptError::Revoked { .. }) => exit_code::REVOKED,
+        _ => exit_code::FAILED,
     })
 }
 

@@ -4,30 +4,11 @@
 //! and `free` for failed nodes, preemptions and used walltimes with progress. The second one is a
 //! generous bound that keeps a broken partition from being fed for ever.
 
+use cardiotwin_vocabulary::failure_cause::FailureCause;
+
 use crate::cancelled::{Canceller, OwnTraces, by_whom};
 use crate::job_status::Ended;
 use crate::state::SlurmState;
-
-/// Reason why an attempt ended without its result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Class {
-    /// The job used up its walltime.
-    Walltime,
-    /// The job exceeded its memory.
-    OutOfMemory,
-    /// A node failed, or could not be booted.
-    NodeFailure,
-    /// The job had to make room for another one.
-    Preemption,
-    /// A person cancelled the job, not the coordinator.
-    CancelledByPerson,
-    /// The data or settings are wrong.
-    BadInput,
-    /// The program has a defect.
-    Panic,
-    /// The job ended without any explanation: it was killed, or never began.
-    Unexplained,
-}
 
 /// Evidence of an ending.
 #[derive(Debug, Clone, Copy)]
@@ -46,45 +27,47 @@ pub struct Evidence<'a> {
 
 /// Class of an ending; `None` if the coordinator cancelled the job or it completed.
 #[must_use]
-pub fn classify(evidence: &Evidence<'_>) -> Option<Class> {
+pub fn classify(evidence: &Evidence<'_>) -> Option<FailureCause> {
     let out_of_memory = ran_out_of_memory(evidence);
     let panicked = evidence.log_tail.contains("panicked at ");
     let Some(ended) = evidence.scheduler else {
         return Some(if out_of_memory {
-            Class::OutOfMemory
+            FailureCause::OutOfMemory
         } else if panicked {
-            Class::Panic
+            FailureCause::Defect
         } else {
-            Class::Unexplained
+            FailureCause::Unexplained
         });
     };
     Some(match ended.state {
         SlurmState::Completed => return None,
-        SlurmState::Timeout | SlurmState::Deadline => Class::Walltime,
-        SlurmState::OutOfMemory => Class::OutOfMemory,
-        SlurmState::NodeFail | SlurmState::BootFail => Class::NodeFailure,
-        SlurmState::Preempted => Class::Preemption,
+        SlurmState::Timeout | SlurmState::Deadline => FailureCause::Walltime,
+        SlurmState::OutOfMemory => FailureCause::OutOfMemory,
+        SlurmState::NodeFail | SlurmState::BootFail => FailureCause::NodeFailure,
+        SlurmState::Preempted => FailureCause::Preemption,
         SlurmState::Cancelled if evidence.we_cancelled => return None,
         // OverMemoryKill cancels the step, and an unmet dependency cancels the job. No person did
         // either.
-        SlurmState::Cancelled if out_of_memory => Class::OutOfMemory,
-        SlurmState::Cancelled if ended.reason.starts_with("Dependency") => Class::Unexplained,
+        SlurmState::Cancelled if out_of_memory => FailureCause::OutOfMemory,
+        SlurmState::Cancelled if ended.reason.starts_with("Dependency") => {
+            FailureCause::Unexplained
+        }
         SlurmState::Cancelled => match by_whom(ended, evidence.traces) {
-            Canceller::Person => Class::CancelledByPerson,
-            Canceller::Slurm | Canceller::Unclear => Class::Unexplained,
+            Canceller::Person => FailureCause::Cancelled,
+            Canceller::Slurm | Canceller::Unclear => FailureCause::Unexplained,
         },
         _ if out_of_memory
             || ended.reason == "OutOfMemory"
             || ended.exit.is_some_and(|e| e.signal == 125) =>
         {
-            Class::OutOfMemory
+            FailureCause::OutOfMemory
         }
-        _ if panicked => Class::Panic,
-        SlurmState::Failed if ended.reason == "BadConstraints" => Class::BadInput,
+        _ if panicked => FailureCause::Defect,
+        SlurmState::Failed if ended.reason == "BadConstraints" => FailureCause::Refused,
         // A script that exits from its own handler of the warning is FAILED or COMPLETED, not
         // TIMEOUT.
-        _ if evidence.warned => Class::Walltime,
-        _ => Class::Unexplained,
+        _ if evidence.warned => FailureCause::Walltime,
+        _ => FailureCause::Unexplained,
     })
 }
 
@@ -174,7 +157,7 @@ pub enum Next {
 /// the previous attempt's.
 #[must_use]
 pub fn next(
-    class: Class,
+    class: FailureCause,
     ended_on: &str,
     progressed: bool,
     given: &Given,
@@ -213,25 +196,25 @@ pub fn next(
     let free: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.free;
     let charged: fn(&mut Spent) -> &mut u32 = |spent| &mut spent.infrastructure;
     match class {
-        Class::Walltime if progressed => again(
+        FailureCause::Walltime if progressed => again(
             true,
             given.clone(),
             free,
             "its walltime was used up: a new job continues".to_owned(),
         ),
-        Class::Walltime => again(
+        FailureCause::Walltime => again(
             true,
             given.clone(),
             charged,
             "its walltime was used up without progress".to_owned(),
         ),
-        Class::OutOfMemory => match more_memory(given) {
+        FailureCause::OutOfMemory => match more_memory(given) {
             Some((given, how)) => again(true, given, charged, format!("out of memory: {how}")),
             None => stays(
                 "out of memory with one rank on a whole node: use more nodes or a coarser mesh",
             ),
         },
-        Class::NodeFailure => {
+        FailureCause::NodeFailure => {
             let mut given = given.clone();
             if !ended_on.is_empty() && !given.excluded.iter().any(|nodes| nodes == ended_on) {
                 given.excluded.push(ended_on.to_owned());
@@ -250,11 +233,11 @@ pub fn next(
                 ),
             )
         }
-        Class::Preemption => again(true, given.clone(), free, "preempted".to_owned()),
-        Class::CancelledByPerson => stays("cancelled by a person: not repeated until requested"),
-        Class::BadInput => stays("the data or settings are wrong: correct them"),
-        Class::Panic => stays("a defect of the program: see its log, and report it"),
-        Class::Unexplained => again(
+        FailureCause::Preemption => again(true, given.clone(), free, "preempted".to_owned()),
+        FailureCause::Cancelled => stays("cancelled by a person: not repeated until requested"),
+        FailureCause::Refused => stays("the data or settings are wrong: correct them"),
+        FailureCause::Defect => stays("a defect of the program: see its log, and report it"),
+        FailureCause::Unexplained => again(
             true,
             given.clone(),
             charged,
@@ -291,7 +274,7 @@ fn more_memory(given: &Given) -> Option<(Given, String)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Budgets, Class, Evidence, Given, Next, Spent, classify, is_open, next};
+    use super::{Budgets, Evidence, FailureCause, Given, Next, Spent, classify, is_open, next};
     use crate::answers::{accounting, queue, recorded};
     use crate::cancelled::OwnTraces;
     use crate::job_status::{JobStatus, Wanted, of};
@@ -324,7 +307,7 @@ mod tests {
         }
     }
 
-    fn class_of(name: &str, log_tail: &str) -> Option<Class> {
+    fn class_of(name: &str, log_tail: &str) -> Option<FailureCause> {
         let queue = queue::read(&recorded::output("squeue-ended")).expect("an answer");
         let rows = accounting::read(&recorded::output("sacct-ended")).expect("an answer");
         let JobStatus::Ended(ended) = of(
@@ -348,20 +331,23 @@ mod tests {
 
     #[test]
     fn endings_of_a_real_slurm() {
-        assert_eq!(class_of("ct-walltime", ""), Some(Class::Walltime));
-        assert_eq!(class_of("ct-node", ""), Some(Class::NodeFailure));
-        assert_eq!(class_of("ct-person", ""), Some(Class::CancelledByPerson));
+        assert_eq!(class_of("ct-walltime", ""), Some(FailureCause::Walltime));
+        assert_eq!(class_of("ct-node", ""), Some(FailureCause::NodeFailure));
+        assert_eq!(class_of("ct-person", ""), Some(FailureCause::Cancelled));
         assert_eq!(class_of("ct-short", ""), None);
-        assert_eq!(class_of("ct-exit3", ""), Some(Class::Unexplained));
+        assert_eq!(class_of("ct-exit3", ""), Some(FailureCause::Unexplained));
         assert_eq!(
             class_of("ct-exit3", "thread 'main' panicked at worker/src/x.rs:1:1"),
-            Some(Class::Panic)
+            Some(FailureCause::Defect)
         );
         let killed = "slurmstepd: error: StepId=17.batch exceeded memory limit (77611008 > 20971520), being killed";
-        assert_eq!(class_of("ct-memory", killed), Some(Class::OutOfMemory));
+        assert_eq!(
+            class_of("ct-memory", killed),
+            Some(FailureCause::OutOfMemory)
+        );
         assert_eq!(
             class_of("ct-after", ""),
-            Some(Class::Unexplained),
+            Some(FailureCause::Unexplained),
             "an unmet dependency is no person"
         );
     }
@@ -370,14 +356,14 @@ mod tests {
     fn what_follows_from_each_class() {
         let mut table = String::new();
         for class in [
-            Class::Walltime,
-            Class::OutOfMemory,
-            Class::NodeFailure,
-            Class::Preemption,
-            Class::CancelledByPerson,
-            Class::BadInput,
-            Class::Panic,
-            Class::Unexplained,
+            FailureCause::Walltime,
+            FailureCause::OutOfMemory,
+            FailureCause::NodeFailure,
+            FailureCause::Preemption,
+            FailureCause::Cancelled,
+            FailureCause::Refused,
+            FailureCause::Defect,
+            FailureCause::Unexplained,
         ] {
             table += &format!(
                 "{class:?}: {:?}\n",
@@ -391,7 +377,7 @@ mod tests {
         /// Every series of failures ends, and the given resources stay within a node.
         #[test]
         fn every_series_of_failures_ends(classes in proptest::collection::vec(0_usize..5, 40), progress in any::<u64>()) {
-            let all = [Class::Walltime, Class::OutOfMemory, Class::NodeFailure, Class::Preemption, Class::Unexplained];
+            let all = [FailureCause::Walltime, FailureCause::OutOfMemory, FailureCause::NodeFailure, FailureCause::Preemption, FailureCause::Unexplained];
             let (mut spent, mut given, mut n) = (Spent::default(), given(), 0);
             for (i, class) in classes.into_iter().enumerate() {
                 match next(all[class], "n1", progress >> i & 1 == 1, &given, spent, BUDGETS) {

@@ -16,7 +16,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use cardiotwin_protocol::claim::{self, ClaimFile};
-use cardiotwin_protocol::{files, names, process};
+use cardiotwin_protocol::{exit_code, files, names, process};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::progress::Claim;
@@ -34,8 +34,6 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 const GRACE: Duration = Duration::from_secs(20);
 /// Age from which an unreadable claim counts as cut off by the end of its writer.
 const CLAIM_GRACE: Duration = Duration::from_secs(5);
-/// Exit code of a worker if another process holds the claim.
-const EXIT_CLAIMED: i32 = 3;
 
 /// Executor that runs worker processes on this machine.
 #[derive(Debug)]
@@ -184,7 +182,7 @@ impl Local {
         let directory = running.directory.clone();
         let claimed_before = status
             .as_ref()
-            .is_ok_and(|s| s.code() == Some(EXIT_CLAIMED));
+            .is_ok_and(|s| s.code() == Some(i32::from(exit_code::CLAIMED)));
         let news = match self.look(&directory)? {
             // Another process holds the claim. An earlier coordinator started it and was killed
             // before it recorded that.

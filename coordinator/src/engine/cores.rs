@@ -5,7 +5,7 @@ use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, Fidelity, SolverSettings};
 use cardiotwin_schemas::task::TaskSpec;
 
-use super::book_rows::TaskEntry;
+use super::books::TaskEntry;
 
 /// Number of nodes of a mesh from which step 0 and a beat in 3D are shared among all cores. On
 /// smaller meshes threads wait for each other more than they save, and other patients make better

@@ -18,6 +18,12 @@ impl FilesSeen {
         Self(paths.into_iter().map(look).collect())
     }
 
+    /// An answer that no file system gave.
+    #[cfg(test)]
+    pub fn told(paths: Vec<PathBuf>, exist: bool) -> Self {
+        Self(paths.into_iter().map(|path| (path, exist)).collect())
+    }
+
     /// Whether a file exists; `None` if it was not looked for.
     pub fn exists(&self, path: &Path) -> Option<bool> {
         self.0.get(path).copied()

@@ -8,8 +8,8 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_workflow::patient::{Patient, Step};
 
 use super::EngineError;
-use super::transitions::Decider;
-use super::world::World;
+use super::books::Books;
+use super::decider::Decider;
 use crate::clock;
 use crate::store::Writer;
 
@@ -33,16 +33,16 @@ pub async fn foresee(
     run_dir: &Path,
     plans: &[ResolvedPatient],
 ) -> Result<BTreeMap<PatientId, Foreseen>, EngineError> {
-    let mut world = World::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
-    let was_over: Vec<bool> = world
-        .patients
+    let mut books = Books::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
+    let was_over: Vec<bool> = books
+        .patients()
         .iter()
         .map(|p| p.row.state.is_final())
         .collect();
-    decide_unwritten(&mut world, Some(plans))?;
+    decide_unwritten(&mut books, Some(plans))?;
     let mut foreseen = BTreeMap::new();
     // Patients that are new to the store come after the stored ones and are not part of the answer.
-    for (patient, was_over) in world.patients.iter().zip(was_over) {
+    for (patient, was_over) in books.patients().iter().zip(was_over) {
         if !patient.row.active {
             continue;
         }
@@ -59,17 +59,17 @@ pub async fn foresee(
 /// Takes plans up and decides for every patient of the in-memory mirror. Nothing is committed, so
 /// the mirror must be dropped afterwards.
 pub(super) fn decide_unwritten(
-    world: &mut World,
+    books: &mut Books,
     plans: Option<&[ResolvedPatient]>,
 ) -> Result<(), EngineError> {
     let mut decider = Decider::default();
     if let Some(plans) = plans {
-        decider.take_up(world, plans)?;
+        decider.take_up(books, plans)?;
     }
-    for i in 0..world.patients.len() {
-        world.patients[i].selected = world.patients[i].row.active;
-        world.await_present_task(i);
-        decider.decide(world, i)?;
+    books.select(|_| true);
+    for i in 0..books.patients().len() {
+        books.await_present_task(i);
+        decider.decide(books, i)?;
     }
-    decider.look_and_answer(world)
+    decider.look_and_answer(books)
 }

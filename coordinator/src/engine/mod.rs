@@ -21,44 +21,38 @@ use crate::store::Writer;
 use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
+use books::Books;
 use cluster::{Cluster, load_site};
+use decider::Decider;
 use local_loop::LocalLoop;
 use requests::Request;
 use surroundings::Surroundings;
-use transitions::Decider;
-use world::World;
 
-mod apply_requests;
-mod book_rows;
+mod books;
 mod cluster;
 mod cores;
 mod crash;
+mod decider;
 mod error;
 mod events;
 mod files_seen;
 mod foresee;
 mod housekeeping;
 mod in_job_loop;
-mod job_book;
 mod local_loop;
 mod notices;
 mod overlay;
 mod program_identity;
 mod programs;
-mod purged;
 mod requests;
 mod settings;
-mod show;
 mod stop;
 mod surroundings;
 #[cfg(test)]
 mod tests;
-mod transitions;
 mod turn;
 mod watch;
 mod worker_identity;
-mod world;
-mod world_jobs;
 
 pub use crate::store::file_system::shared as shared_file_system;
 pub use crate::store::lock::{LockError, LockHolder};
@@ -67,6 +61,7 @@ pub use crate::store::{
     StoreError,
 };
 pub use crate::store::{back_up, try_locks};
+pub use books::ATTEMPTS;
 pub use cardiotwin_workflow::cell_fit::contraction;
 #[cfg(feature = "dev")]
 pub use cluster::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
@@ -81,7 +76,6 @@ pub use in_job_loop::{DriverPlace, drive_here};
 pub use notices::tell;
 pub use programs::first_line;
 pub use stop::{StopLevel, StopSignal};
-pub use world::ATTEMPTS;
 
 /// Options of a run.
 #[derive(Debug, Clone)]
@@ -188,16 +182,15 @@ async fn drive<E: Executor>(
     stop: StopSignal,
 ) -> Result<RunSummary, EngineError> {
     let surroundings = Surroundings::of_this_process();
-    let (mut writer, mut world, decider) = open(&options, run_dir, &surroundings.clock).await?;
+    let (mut writer, mut books, decider) = open(&options, run_dir, &surroundings.clock).await?;
+    let mut refused = None;
     if let Some(worker) = worker {
-        let kept =
-            worker_identity::keep(&mut writer, &world, worker, options.adopt_version).await?;
-        world.refused_worker = kept;
+        refused = worker_identity::keep(&mut writer, &books, worker, options.adopt_version).await?;
     }
-    if !world.jobs.rows.is_empty() {
-        let jobs = world
-            .jobs
-            .rows
+    if !books.jobs().rows().is_empty() {
+        let jobs = books
+            .jobs()
+            .rows()
             .values()
             .map(|row| row.spec.elements.len())
             .sum::<usize>();
@@ -207,11 +200,13 @@ async fn drive<E: Executor>(
     }
     let pid = std::process::id().to_string();
     let host = crate::store::lock::host_name();
-    world.allocation = writer
-        .open_allocation(executor.kind(), &pid, &host, world.now_ms)
+    let allocation = writer
+        .open_allocation(executor.kind(), &pid, &host, books.now_ms())
         .await?;
+    books.set_allocation(allocation);
     LocalLoop::new(
-        (writer, world, decider),
+        (writer, books, decider),
+        refused,
         executor,
         options.executor,
         surroundings,
@@ -237,9 +232,8 @@ async fn tick<S: Scheduler>(
     let site = load_site(&options.executor.slurm)?;
     let mut opened = open(&options, &run_dir, &surroundings.clock).await?;
     opened.0.under(lease);
-    let (writer, world, _) = &mut opened;
-    let kept = worker_identity::keep(writer, world, &programs.0, options.adopt_version).await?;
-    world.refused_worker = kept;
+    let (writer, books, _) = &mut opened;
+    let refused = worker_identity::keep(writer, books, &programs.0, options.adopt_version).await?;
     let mut cluster = Cluster::new(
         opened,
         scheduler,
@@ -250,7 +244,7 @@ async fn tick<S: Scheduler>(
         surroundings,
     )
     .await?;
-    cluster.begin().await?;
+    cluster.begin(refused).await?;
     if options.watch {
         cluster.watch(&stop).await?;
     } else {
@@ -284,11 +278,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
     let mut opened = open(&options, &run_dir, &surroundings.clock).await?;
     // No patient is selected, so that only ends of jobs are taken up.
     opened.0.under(lease);
-    opened
-        .1
-        .patients
-        .iter_mut()
-        .for_each(|patient| patient.selected = false);
+    opened.1.select(|_| false);
     let site = load_site(&options.executor.slurm)?;
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
     let nowhere = (PathBuf::new(), PathBuf::new());
@@ -302,7 +292,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         surroundings,
     )
     .await?;
-    cluster.begin().await?;
+    cluster.begin(None).await?;
     cluster.end_jobs(&stop).await?;
     cluster.close().await
 }
@@ -312,10 +302,10 @@ async fn open(
     options: &RunOptions,
     run_dir: &Path,
     clock: &Clock,
-) -> Result<(Writer, World, Decider), EngineError> {
+) -> Result<(Writer, Books, Decider), EngineError> {
     let mut writer = Writer::open(run_dir).await?;
     let now_ms = clock.now_ms();
-    let mut world = World::new(run_dir, writer.load().await?, now_ms)?;
+    let mut books = Books::new(run_dir, writer.load().await?, now_ms)?;
     let mut decider = Decider::new(options.executor.site_retries);
     let cohort_dir = options.cohort_dir.to_string_lossy();
     if let Some(plans) = &options.patients {
@@ -326,18 +316,12 @@ async fn open(
                 ("cohort_dir", &cohort_dir),
             ])
             .await?;
-        decider.take_up(&mut world, plans)?;
+        decider.take_up(&mut books, plans)?;
     }
-    for patient in &mut world.patients {
-        let named = options.only.is_empty()
-            || options
-                .only
-                .iter()
-                .any(|id| id.as_str() == patient.row.patient);
-        patient.selected = patient.row.active && named;
-    }
-    decider.count(&world);
-    Ok((writer, world, decider))
+    let only = &options.only;
+    books.select(|patient| only.is_empty() || only.iter().any(|id| id.as_str() == patient));
+    decider.count(&books);
+    Ok((writer, books, decider))
 }
 
 /// Creates and locks the run directory. Returns its absolute path.
@@ -519,23 +503,23 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
     };
     let mut writer = Writer::open(&run_dir).await?;
     writer.under(lease);
-    let mut world = World::new(&run_dir, writer.load().await?, clock::now_ms())?;
-    for i in 0..world.patients.len() {
-        world.await_present_task(i);
+    let mut books = Books::new(&run_dir, writer.load().await?, clock::now_ms())?;
+    for i in 0..books.patients().len() {
+        books.await_present_task(i);
     }
     let mut decider = Decider::default();
     let mut changes = Vec::new();
     for request in requests {
-        changes.extend(decider.request(&mut world, request)?);
+        changes.extend(decider.request(&mut books, request)?);
     }
-    decider.look_and_answer(&mut world)?;
-    writer.commit(&mut world.flush()).await?;
+    decider.look_and_answer(&mut books)?;
+    writer.commit(&mut books.flush()).await?;
     // Workers that outlived their coordinator and are not wanted any more are ended now, not at the
     // next run.
     let mut local = Local::new(PathBuf::new(), 0);
-    for (_, action) in &world.outbox {
+    for (_, action) in books.outbox() {
         if let Action::Stop { attempt } = action {
-            let directory = world.directory(attempt);
+            let directory = books.directory(attempt);
             local.adopt(attempt, &directory)?;
             local.stop(attempt, &directory, true)?;
         }

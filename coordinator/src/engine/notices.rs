@@ -24,7 +24,7 @@ use cardiotwin_schemas::formats;
 use cardiotwin_schemas::notices::{Notice, NoticeKind, NoticeSettings};
 
 use super::EngineError;
-use super::world::ATTEMPTS;
+use super::books::ATTEMPTS;
 use crate::clock;
 use crate::dispatch::{CommandEnd, run_limited};
 use crate::store::{Notable, Reader};

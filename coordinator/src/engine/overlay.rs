@@ -16,14 +16,14 @@ use cardiotwin_workflow::patient::Stage;
 use cardiotwin_workflow::patient::Step;
 
 use super::EngineError;
-use super::world::World;
+use super::books::Books;
 use crate::clock::utc_text;
 
 /// Everything learned about a patient so far, without version and time; `None` before step 0.
-pub fn learned(world: &World, i: usize) -> Result<Option<ModelOverlay>, EngineError> {
-    let plan = world.plan(i)?;
-    let chain = &world.patients[i].chain;
-    let result = |key| match world.settled(key) {
+pub fn learned(books: &Books, i: usize) -> Result<Option<ModelOverlay>, EngineError> {
+    let plan = books.plan(i)?;
+    let chain = &books.patient(i).chain;
+    let result = |key| match books.settled(key) {
         Some(Settled::Published { result, .. }) => Some(result),
         _ => None,
     };
@@ -96,12 +96,12 @@ fn is_valve(name: &str) -> bool {
 }
 
 /// Writes everything learned about a patient, if there is anything yet.
-pub fn write_of(world: &World, patient_id: i64) -> Result<(), EngineError> {
-    let Some(i) = world.patients.iter().position(|p| p.row.id == patient_id) else {
+pub fn write_of(books: &Books, patient_id: i64) -> Result<(), EngineError> {
+    let Some(i) = books.patients().iter().position(|p| p.row.id == patient_id) else {
         return Ok(());
     };
-    match learned(world, i)? {
-        Some(learned) => write(&world.run_dir, learned, utc_text(world.now_ms)),
+    match learned(books, i)? {
+        Some(learned) => write(books.run_dir(), learned, utc_text(books.now_ms())),
         None => Ok(()),
     }
 }

@@ -13,8 +13,8 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_workflow::patient::Stage;
 use serde::{Deserialize, Serialize};
 
-use super::transitions::Decider;
-use super::world::World;
+use super::books::Books;
+use super::decider::Decider;
 use super::{EngineError, EngineEvent};
 use crate::clock;
 
@@ -98,14 +98,14 @@ pub fn pending(run_dir: &Path) -> Result<Vec<Pending>, EngineError> {
 
 /// Applies pending requests. Returns events, and the files to remove after the commit.
 pub fn apply(
-    world: &mut World,
+    books: &mut Books,
     decider: &mut Decider,
     pending: Vec<Pending>,
 ) -> Result<(Vec<EngineEvent>, Vec<PathBuf>), EngineError> {
     let (mut told, mut paths) = (Vec::new(), Vec::new());
     for (path, request) in pending {
         let text = match request {
-            Ok(request) => match decider.request(world, &request) {
+            Ok(request) => match decider.request(books, &request) {
                 Ok(changes) => changes.join("; "),
                 Err(EngineError::Request { message }) => format!("request refused: {message}"),
                 Err(other) => return Err(other),

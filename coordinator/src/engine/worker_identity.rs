@@ -4,11 +4,12 @@
 use std::path::Path;
 
 use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_workflow::patient::Patient;
 use cardiotwin_workflow::task::Task;
 
 use super::EngineError;
+use super::books::Books;
 use super::programs::first_line;
-use super::world::World;
 use crate::store::Writer;
 
 /// Keys of version and hash among the store's single values.
@@ -26,7 +27,7 @@ const SHA256: &str = "worker_sha256";
 /// file cannot be read.
 pub async fn keep(
     writer: &mut Writer,
-    world: &World,
+    books: &Books,
     worker: &Path,
     adopts: bool,
 ) -> Result<Option<EngineError>, EngineError> {
@@ -49,12 +50,12 @@ pub async fn keep(
     }
     let version = first_line(worker, &["--version"]).filter(|said| !said.is_empty());
     let version = version.unwrap_or_else(|| "unknown".to_owned());
-    let has_results = world
-        .tasks
+    let has_results = books
+        .tasks()
         .values()
         .any(|task| matches!(task.state, Task::Published { .. }));
-    let is_over = world
-        .patients
+    let is_over = books
+        .patients()
         .iter()
         .filter(|patient| patient.selected)
         .all(|patient| patient.row.state.is_final());
@@ -87,4 +88,13 @@ pub async fn keep(
         .set_meta(&[(VERSION, version.as_str()), (SHA256, sha256.as_str())])
         .await?;
     Ok(None)
+}
+
+/// Raises the refusal of the present worker if a selected patient is not finished.
+///
+/// # Errors
+/// [`EngineError::OtherWorker`].
+pub fn need(refused: Option<EngineError>, books: &Books) -> Result<(), EngineError> {
+    let is_all_final = books.selected_states().all(Patient::is_final);
+    refused.filter(|_| !is_all_final).map_or(Ok(()), Err)
 }

@@ -7,9 +7,10 @@
 //! tick that slept through its lease commits nothing.
 
 use std::fs;
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_protocol::files::{self, SyncedDraft};
 use cardiotwin_schemas::formats::LEASE;
 use cardiotwin_schemas::progress::Claim;
 use serde::{Deserialize, Serialize};
@@ -98,30 +99,22 @@ impl Lease {
             let generation = highest + 1;
             let expires_ms = now_ms + HOLDS_MS;
             let path = file(&folder, generation);
-            match fs::File::options().write(true).create_new(true).open(&path) {
-                Ok(mut created) => {
-                    // The lease is built only now, because dropping it marks the file of its
-                    // generation as released.
-                    let text = Text {
-                        holder: holder.clone(),
-                        generation,
-                        expires_ms,
-                        released: false,
-                    };
-                    let lease = Self {
-                        text,
-                        folder: folder.clone(),
-                    };
-                    created
-                        .write_all(&lease.json())
-                        .and_then(|()| created.sync_all())
-                        .map_err(io(&path))?;
-                    lease.forget_older();
-                    return Ok(lease);
-                }
-                // Another process was faster: read its lease.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(error) => return Err(io(&path)(error)),
+            let text = Text {
+                holder: holder.clone(),
+                generation,
+                expires_ms,
+                released: false,
+            };
+            let json = serde_json::to_vec(&text).expect("plain fields are JSON");
+            let draft = SyncedDraft::beside(&path, &json).map_err(io(&path))?;
+            // One of several processes gets the name; the others look who it is.
+            if draft.place_exclusively(&path).map_err(io(&path))? {
+                let lease = Self {
+                    text,
+                    folder: folder.clone(),
+                };
+                lease.forget_older();
+                return Ok(lease);
             }
         }
     }
@@ -154,15 +147,10 @@ impl Lease {
         Ok(())
     }
 
-    fn json(&self) -> Vec<u8> {
-        serde_json::to_vec(&self.text).expect("plain fields are JSON")
-    }
-
     fn rewrite(&self) -> io::Result<()> {
         let path = file(&self.folder, self.text.generation);
-        let draft = path.with_extension("new");
-        fs::write(&draft, self.json())?;
-        fs::rename(&draft, &path)
+        let json = serde_json::to_vec(&self.text).expect("plain fields are JSON");
+        files::replace(&path, &json)
     }
 
     fn forget_older(&self) {

@@ -14,7 +14,7 @@
 //! because absence from the queue proves nothing. A job that is given up is fenced first, so that a
 //! job that lives on out of sight begins and publishes nothing.
 
-use cardiotwin_schemas::failure::SiteCause;
+use cardiotwin_schemas::failure::FailureCause;
 use serde::{Deserialize, Serialize};
 
 use super::IllegalTransition;
@@ -81,7 +81,7 @@ pub enum Element {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Ending {
     /// Cause of a failure; `None` if the element ended in order or was not wanted any more.
-    pub cause: Option<SiteCause>,
+    pub cause: Option<FailureCause>,
     /// Description for a person.
     pub words: String,
 }
@@ -210,7 +210,7 @@ impl ClusterJob {
                     self.submission,
                     Submission::Intended | Submission::Doubtful { .. }
                 ) {
-                    self.end_all(Some(SiteCause::Refused), &why);
+                    self.end_all(Some(FailureCause::Refused), &why);
                     self.submission = Submission::Void { why };
                 }
             }
@@ -290,7 +290,7 @@ impl ClusterJob {
                         unreachable!("matched above")
                     };
                     let ending = Ending {
-                        cause: Some(SiteCause::Unexplained),
+                        cause: Some(FailureCause::Unexplained),
                         words: format!("given up: {why}"),
                     };
                     *state = Element::Over { ending };
@@ -302,7 +302,7 @@ impl ClusterJob {
         Ok((self, actions))
     }
 
-    fn end_all(&mut self, cause: Option<SiteCause>, why: &str) {
+    fn end_all(&mut self, cause: Option<FailureCause>, why: &str) {
         for element in self
             .elements
             .iter_mut()
@@ -331,7 +331,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn ending(cause: Option<SiteCause>) -> Ending {
+    fn ending(cause: Option<FailureCause>) -> Ending {
         Ending {
             cause,
             words: "so".into(),
@@ -367,7 +367,7 @@ mod tests {
                 },
                 E::Ended {
                     element,
-                    ending: ending(Some(SiteCause::Walltime)),
+                    ending: ending(Some(FailureCause::Walltime)),
                 },
                 E::Ended {
                     element,
@@ -434,7 +434,7 @@ mod tests {
         let (job, _) = job
             .on(JobEvent::Ended {
                 element: 0,
-                ending: ending(Some(SiteCause::Cancelled)),
+                ending: ending(Some(FailureCause::Cancelled)),
             })
             .unwrap();
         assert_eq!(

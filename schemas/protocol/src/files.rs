@@ -6,7 +6,7 @@
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, Permissions};
-use std::io::{self, Write as _};
+use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::path::Path;
 
@@ -26,6 +26,20 @@ pub fn write_atomic(path: &Path, content: &[u8]) -> io::Result<()> {
     sync_directory(parent(path))
 }
 
+/// As [`write_atomic`] with the content that `fill` writes.
+///
+/// # Errors
+/// Any error of the file system or of `fill`; `path` then holds its former content.
+pub fn write_with(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let draft = draft_with(path, fill)?;
+    draft.as_file().sync_all()?;
+    draft.persist(path).map_err(|error| error.error)?;
+    sync_directory(parent(path))
+}
+
 /// Creates or replaces `path` with `content` without waiting for the disk. It is meant for content
 /// that can be written again.
 ///
@@ -33,6 +47,18 @@ pub fn write_atomic(path: &Path, content: &[u8]) -> io::Result<()> {
 /// As [`write_atomic`].
 pub fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
     let draft = draft(path, content)?;
+    draft.persist(path).map(drop).map_err(|error| error.error)
+}
+
+/// As [`replace`] with the content that `fill` writes.
+///
+/// # Errors
+/// As [`write_with`].
+pub fn replace_with(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let draft = draft_with(path, fill)?;
     draft.persist(path).map(drop).map_err(|error| error.error)
 }
 
@@ -140,18 +166,34 @@ fn is_same_file(a: &Path, b: &Path) -> bool {
 }
 
 fn draft(path: &Path, content: &[u8]) -> io::Result<NamedTempFile> {
+    let mut draft = empty_draft(path)?;
+    draft.write_all(content)?;
+    Ok(draft)
+}
+
+fn draft_with(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<NamedTempFile> {
+    let mut draft = empty_draft(path)?;
+    let mut buffered = BufWriter::new(draft.as_file_mut());
+    fill(&mut buffered)?;
+    buffered.flush()?;
+    drop(buffered);
+    Ok(draft)
+}
+
+fn empty_draft(path: &Path) -> io::Result<NamedTempFile> {
     let mut prefix = OsString::from(".");
     prefix.push(path.file_name().unwrap_or_default());
     prefix.push(".");
-    let mut draft = Builder::new()
+    Builder::new()
         .prefix(&prefix)
         .suffix(".tmp")
         // The umask narrows the mode as for any other file, so that a group sharing the run can
         // read it.
         .permissions(Permissions::from_mode(0o666))
-        .tempfile_in(parent(path))?;
-    draft.write_all(content)?;
-    Ok(draft)
+        .tempfile_in(parent(path))
 }
 
 /// Syncs the names in a directory to disk.
@@ -202,6 +244,21 @@ mod tests {
         fs::create_dir(dir.path().join("taken")).unwrap();
         assert!(write_atomic(&dir.path().join("taken"), b"x").is_err());
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn a_writer_that_fails_leaves_the_old_file_and_no_draft() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.csv");
+        let half = |out: &mut dyn Write| {
+            out.write_all(b"half")?;
+            Err(io::Error::other("no space"))
+        };
+        write_with(&path, |out| out.write_all(b"old")).unwrap();
+        assert!(write_with(&path, half).is_err());
+        assert!(replace_with(&path, half).is_err());
+        assert_eq!(fs::read(&path).unwrap(), b"old");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 
     #[test]

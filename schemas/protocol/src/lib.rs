@@ -13,13 +13,15 @@
 //! | module | subject |
 //! |---|---|
 //! | [`names`] | names of the files |
-//! | [`claim`] | claim of a worker on an attempt |
-//! | [`closing`] | closing of an attempt by publication or revocation |
-//! | [`files`] | files that appear either complete or not at all |
+//! | [`claim`] | who works on an attempt |
+//! | [`closing`] | how an attempt is closed: published or revoked |
+//! | [`exit_code`] | exit codes of a worker that published nothing |
+//! | [`files`] | files that appear whole or not at all |
 //! | [`process`] | identity of processes |
 
 pub mod claim;
 pub mod closing;
+pub mod exit_code;
 pub mod files;
 pub mod names;
 pub mod process;

@@ -8,6 +8,7 @@ pub mod biomarker_noise;
 pub mod biomarkers;
 pub mod cell;
 pub mod circulation;
+pub mod failure_cause;
 pub mod findings;
 pub mod label;
 pub mod passive_law;

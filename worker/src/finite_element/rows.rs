@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_mechanics::organ::FiniteElementVentricle;
 use cardiotwin_models::ventricle::Ventricle as _;
+use cardiotwin_protocol::files;
 
 use super::checkpoint;
 
@@ -93,9 +94,8 @@ impl NodalRows {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         fs::create_dir_all(folder)?;
-        let (draft, path) = (folder.join("nodal.new"), file_of(folder, beat));
-        io::copy(&mut from.take(wanted), &mut File::create(&draft)?)?;
-        fs::rename(draft, &path)?;
+        let path = file_of(folder, beat);
+        files::replace_with(&path, |out| io::copy(&mut from.take(wanted), out).map(drop))?;
         let mut file = File::options().read(true).write(true).open(path)?;
         let mut last = vec![0; row_bytes];
         file.seek(SeekFrom::Start(wanted - row_bytes as u64))?;

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use cardiotwin_protocol::exit_code;
 use clap::Args;
 use mpi::Threading;
 use mpi::traits::Communicator as _;
@@ -14,7 +15,7 @@ use mpi::traits::Communicator as _;
 use super::check::{self, Fault};
 use super::communicator::{MOST_SHARING, MpiRank};
 use super::failure::Failures;
-use crate::program::{EXIT_FAILED, code_of};
+use crate::program::code_of;
 use crate::stop::StopFlag;
 use crate::team::Team;
 
@@ -169,7 +170,7 @@ fn on_ranks(
     };
     let Some((universe, provided)) = mpi::initialize_with_threading(threading) else {
         eprintln!("error: MPI was initialised before");
-        return ExitCode::from(EXIT_FAILED);
+        return ExitCode::from(exit_code::FAILED);
     };
     let (rank, n_ranks) = (
         universe.world().rank() as usize,

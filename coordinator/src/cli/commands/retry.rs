@@ -1,6 +1,6 @@
 //! `cardiotwin retry`: repeats a task with the same settings.
 
-use cardiotwin_schemas::failure::{Failure, SiteCause};
+use cardiotwin_schemas::failure::{Failure, FailureCause};
 use cardiotwin_schemas::ids::PatientId;
 use clap::Args;
 
@@ -45,7 +45,7 @@ const CLASSES: [&str; 11] = [
 ];
 
 fn is_of(failure: &Failure, class: &str) -> bool {
-    let cause = SiteCause::ALL
+    let cause = FailureCause::ALL
         .iter()
         .find(|(cause, _)| Some(*cause) == failure.cause);
     failure.class.as_str() == class || cause.is_some_and(|(_, word)| *word == class)

@@ -27,7 +27,7 @@ pub(super) fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
 impl<S: Scheduler> Cluster<S> {
     /// Whether a pause is in effect.
     pub(super) fn leaves_slurm_alone(&self) -> bool {
-        self.world.now_ms < self.report.asks_again_ms
+        self.books.now_ms() < self.report.asks_again_ms
     }
 
     /// Records whether a command was answered. After [`PATIENCE`] consecutive commands without an
@@ -39,7 +39,7 @@ impl<S: Scheduler> Cluster<S> {
         };
         self.report.silent += 1;
         if let Some(pause_ms) = pause_ms(self.report.silent, self.settings.slurm.grace_s) {
-            self.report.asks_again_ms = self.world.now_ms + pause_ms;
+            self.report.asks_again_ms = self.books.now_ms() + pause_ms;
             let (n, until) = (
                 self.report.silent,
                 clock::utc_text(self.report.asks_again_ms),

@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::expect::rest;
 use super::mesh_size;
 use crate::engine::EngineError;
-use crate::engine::world::{ATTEMPTS, World};
+use crate::engine::books::{ATTEMPTS, Books};
 
 /// Number of measured attempts of a kind that suffices for a mean.
 const ENOUGH: usize = 20;
@@ -56,16 +56,16 @@ pub struct DiskNeed {
 }
 
 impl DiskNeed {
-    /// Estimate for the given patients, by their indices in `world.patients`.
+    /// Estimate for the given patients, by their indices in `books.patients()`.
     ///
     /// # Errors
     /// [`EngineError::Plan`] if a stored plan cannot be read.
-    pub fn of(world: &World, patients: impl Iterator<Item = usize>) -> Result<Self, EngineError> {
-        let measured = measured(world);
+    pub fn of(books: &Books, patients: impl Iterator<Item = usize>) -> Result<Self, EngineError> {
+        let measured = measured(books);
         let mut room = Self::default();
         for i in patients {
-            let plan = world.plan(i)?;
-            for (kind, n) in rest(plan, &world.patients[i].chain)
+            let plan = books.plan(i)?;
+            for (kind, n) in rest(plan, &books.patient(i).chain)
                 .into_iter()
                 .filter(|(_, n)| *n > 0)
             {
@@ -85,7 +85,7 @@ impl DiskNeed {
                 }
             }
         }
-        let attempts = world.run_dir.join(ATTEMPTS);
+        let attempts = books.run_dir().join(ATTEMPTS);
         let place = attempts
             .ancestors()
             .find(|folder| folder.is_dir())
@@ -131,15 +131,15 @@ impl DiskNeed {
 }
 
 /// Mean bytes and inodes of this run's published attempts, by kind.
-fn measured(world: &World) -> BTreeMap<String, (f64, f64)> {
+fn measured(books: &Books) -> BTreeMap<String, (f64, f64)> {
     let mut seen: BTreeMap<String, (usize, f64, f64)> = BTreeMap::new();
-    for (key, task) in &world.tasks {
+    for (key, task) in books.tasks() {
         let Task::Published { generation } = task.state else {
             continue;
         };
         let entry = seen.entry(task.kind.clone()).or_default();
         if entry.0 < ENOUGH
-            && let Some((bytes, inodes)) = size(&world.directory(&AttemptId {
+            && let Some((bytes, inodes)) = size(&books.directory(&AttemptId {
                 task: key.clone(),
                 generation,
             }))
@@ -196,11 +196,11 @@ mod tests {
 
     async fn room(bench: &Bench, plans: &[ResolvedPatient]) -> DiskNeed {
         let loaded = Writer::look(bench.path()).await.unwrap();
-        let mut world = World::new(bench.path(), loaded, clock::now_ms()).unwrap();
-        crate::engine::transitions::Decider::default()
-            .take_up(&mut world, plans)
+        let mut books = Books::new(bench.path(), loaded, clock::now_ms()).unwrap();
+        crate::engine::decider::Decider::default()
+            .take_up(&mut books, plans)
             .unwrap();
-        DiskNeed::of(&world, 0..world.patients.len()).unwrap()
+        DiskNeed::of(&books, 0..books.patients().len()).unwrap()
     }
 
     #[tokio::test]

@@ -8,8 +8,8 @@ use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::task::Task;
 
-use super::mesh_size;
-use crate::engine::world::World;
+use super::mesh_size::MeshSizes;
+use crate::engine::books::Books;
 
 /// Number of measured tasks of a kind that suffices.
 const ENOUGH: usize = 20;
@@ -28,15 +28,16 @@ const STEP3_ITERATIONS: usize = 3;
 pub struct Expectations {
     measured: BTreeMap<String, f64>,
     simulation_s: f64,
+    mesh_sizes: MeshSizes,
 }
 
 impl Expectations {
     /// Collects measured wall times of this run and the guess from its settings.
     #[must_use]
-    pub fn of(world: &World, settings: &ExecutorSettings) -> Self {
+    pub fn of(books: &Books, settings: &ExecutorSettings, mesh_sizes: &MeshSizes) -> Self {
         let mut seen: BTreeMap<String, (usize, f64)> = BTreeMap::new();
-        for task in world
-            .tasks
+        for task in books
+            .tasks()
             .values()
             .filter(|task| matches!(task.state, Task::Published { .. }))
         {
@@ -54,7 +55,14 @@ impl Expectations {
         Self {
             measured,
             simulation_s: settings.slurm.simulation_s,
+            mesh_sizes: mesh_sizes.clone(),
         }
+    }
+
+    /// Number of nodes of a patient's mesh.
+    #[must_use]
+    pub fn mesh_nodes(&self, plan: &ResolvedPatient) -> u32 {
+        self.mesh_sizes.nodes(plan)
     }
 
     fn beat_s(&self, plan: &ResolvedPatient) -> f64 {
@@ -64,7 +72,7 @@ impl Expectations {
             // No better guess exists before the first beat has ended; `executor.slurm.simulation_s`
             // sets one.
             Fidelity::External => EXTERNAL_S,
-            Fidelity::FiniteElement => f64::from(mesh_size::nodes(plan)) * S_PER_NODE,
+            Fidelity::FiniteElement => f64::from(self.mesh_nodes(plan)) * S_PER_NODE,
         };
         self.measured.get("organ-beat").copied().unwrap_or(guess)
     }

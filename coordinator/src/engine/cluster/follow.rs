@@ -10,24 +10,24 @@ use super::place::present_task;
 use crate::dispatch::slurm::{Scheduler, folder};
 use crate::dispatch::{self, Evidence};
 use crate::engine::EngineError;
-use crate::engine::transitions::Circumstance;
+use crate::engine::decider::Circumstance;
 
 impl<S: Scheduler> Cluster<S> {
     /// Takes up everything that is there for a patient: begun attempts, their outcomes, and the
     /// tasks that follow.
     pub(super) fn follow(&mut self, i: usize) -> Result<(), EngineError> {
-        while let Some(key) = present_task(&self.world, i) {
+        while let Some(key) = present_task(&self.books, i) {
             if !self.follow_task(&key)? {
                 break;
             }
-            self.decider.look_and_answer(&mut self.world)?;
+            self.decider.look_and_answer(&mut self.books)?;
         }
         Ok(())
     }
 
     /// Advances a task by one step; false if nothing new was found.
     fn follow_task(&mut self, key: &TaskKey) -> Result<bool, EngineError> {
-        let Some(task) = self.world.tasks.get(key) else {
+        let Some(task) = self.books.task(key) else {
             return Ok(false);
         };
         let state = task.state.clone();
@@ -38,27 +38,27 @@ impl<S: Scheduler> Cluster<S> {
         match state {
             Task::Open { generation, .. } => {
                 let next = attempt(generation + 1);
-                let directory = self.world.directory(&next);
+                let directory = self.books.directory(&next);
                 if !folder::is_begun(&directory) {
                     return Ok(false);
                 }
-                self.world.begin_found(key, generation + 1)?;
+                self.books.begin_found(key, generation + 1)?;
                 let allocation = folder::allocation_of(&directory);
                 let id = allocation
                     .map(|a| a.id.unwrap_or(a.job))
                     .unwrap_or_default();
-                self.world.attempt_seen(&next, &id)?;
+                self.books.attempt_seen(&next, &id)?;
                 Ok(true)
             }
             Task::Attempting { generation, .. } => {
                 let at_work = attempt(generation);
-                let directory = self.world.directory(&at_work);
+                let directory = self.books.directory(&at_work);
                 if let Some(evidence) = dispatch::outcome(&directory)? {
                     self.take_up(&at_work, evidence)?;
                     return Ok(true);
                 }
                 // A later job went past this attempt after revoking it, so it can publish nothing.
-                let passed = folder::is_begun(&self.world.directory(&attempt(generation + 1)));
+                let passed = folder::is_begun(&self.books.directory(&attempt(generation + 1)));
                 if passed && closing::is_revoked(&directory) {
                     self.interrupt(&at_work, "superseded by a later job")?;
                 }
@@ -85,6 +85,6 @@ impl<S: Scheduler> Cluster<S> {
         evidence: Evidence,
     ) -> Result<(), EngineError> {
         self.decider
-            .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
+            .attempt_ended(&mut self.books, attempt, evidence, Circumstance::Excused)
     }
 }

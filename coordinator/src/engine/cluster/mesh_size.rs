@@ -1,11 +1,13 @@
 //! Number of nodes of a patient's mesh: the requested one for a generated mesh, the one in the file
 //! for the patient's own.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::task::InputFile;
 
 /// Bytes read from the head of a mesh file. The count is in its first lines; in Gmsh's files the
 /// names and entities precede it.
@@ -15,13 +17,38 @@ const HEAD_BYTES: u64 = 1 << 20;
 /// state it, the requested number is used: it decides the resources of a job, not the results.
 #[must_use]
 pub fn nodes(plan: &ResolvedPatient) -> u32 {
-    let own = plan
-        .step0
+    own_file(plan)
+        .and_then(|file| of_file(&file.path))
+        .unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
+}
+
+/// Numbers of nodes of patients' own meshes, read once for all decisions of a tick.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MeshSizes(HashMap<PathBuf, u32>);
+
+impl MeshSizes {
+    /// Reads the file of a patient's own mesh, unless it is known.
+    pub fn learn(&mut self, plan: &ResolvedPatient) {
+        if let Some(file) = own_file(plan)
+            && !self.0.contains_key(&file.path)
+        {
+            self.0.insert(file.path.clone(), nodes(plan));
+        }
+    }
+
+    /// Number of nodes of a patient's mesh. A mesh whose file was not read counts as generated.
+    pub fn nodes(&self, plan: &ResolvedPatient) -> u32 {
+        let known = own_file(plan).and_then(|file| self.0.get(&file.path));
+        let generated = plan.settings.solver.finite_element.mesh_nodes;
+        known.copied().unwrap_or(generated)
+    }
+}
+
+fn own_file(plan: &ResolvedPatient) -> Option<&InputFile> {
+    plan.step0
         .own_mesh
         .as_ref()
-        .and_then(|own| own.files.first());
-    own.and_then(|file| of_file(&file.path))
-        .unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
+        .and_then(|own| own.files.first())
 }
 
 fn of_file(path: &Path) -> Option<u32> {

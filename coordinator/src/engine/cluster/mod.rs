@@ -25,6 +25,7 @@ mod place;
 mod preview;
 mod profile;
 mod settle;
+mod standing;
 mod submit;
 #[cfg(test)]
 mod tests;
@@ -40,14 +41,16 @@ use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_workflow::patient::Patient;
 
+use super::books::Books;
+use super::decider::Decider;
 use super::files_seen::FilesSeen;
 use super::program_identity::DECIDED_BY;
 use super::requests::Pending;
 use super::surroundings::Surroundings;
-use super::transitions::Decider;
 use super::turn::{self, Engine};
-use super::world::World;
-use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests};
+use super::{
+    EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests, worker_identity,
+};
 use crate::dispatch::Evidence;
 use crate::dispatch::slurm::Scheduler;
 use crate::store::Writer;
@@ -59,9 +62,10 @@ pub use examine::{QueueReport, SiteReport, examine_site};
 use expect::Expectations;
 #[cfg(feature = "dev")]
 pub use measure::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
+use mesh_size::MeshSizes;
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
-use settle::Settlement;
+use standing::Settlement;
 
 /// Stages of a tick. A stage that finds nothing is skipped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,7 +105,7 @@ impl From<FilesSeen> for Seen {
 
 /// A run whose tasks are jobs of a cluster.
 pub struct Cluster<S> {
-    world: World,
+    books: Books,
     decider: Decider,
     writer: Writer,
     scheduler: S,
@@ -121,6 +125,7 @@ pub struct Cluster<S> {
     submitted: u64,
     /// Number of job names made by this process.
     names: u32,
+    mesh_sizes: MeshSizes,
     stage: Stage,
     /// Files of requests that were applied, to be removed after the commit.
     applied_requests: Vec<PathBuf>,
@@ -137,7 +142,7 @@ impl<S: Scheduler> Cluster<S> {
     /// # Errors
     /// [`EngineError::Store`] if the store cannot be read or written.
     pub async fn new(
-        (mut writer, mut world, decider): (Writer, World, Decider),
+        (mut writer, mut books, decider): (Writer, Books, Decider),
         scheduler: S,
         site: Site,
         settings: ExecutorSettings,
@@ -145,9 +150,9 @@ impl<S: Scheduler> Cluster<S> {
         events: EventSender,
         surroundings: Surroundings,
     ) -> Result<Self, EngineError> {
-        world.allocation = writer
-            .cluster_allocation(&crate::store::lock::host_name(), world.now_ms)
-            .await?;
+        let host = crate::store::lock::host_name();
+        let allocation = writer.cluster_allocation(&host, books.now_ms()).await?;
+        books.set_allocation(allocation);
         let before = writer
             .meta()
             .await?
@@ -162,7 +167,7 @@ impl<S: Scheduler> Cluster<S> {
         let (worker, program) = programs;
         let (queue, no_accounting, submitted, names) = (None, false, 0, 0);
         Ok(Self {
-            world,
+            books,
             decider,
             writer,
             scheduler,
@@ -177,6 +182,7 @@ impl<S: Scheduler> Cluster<S> {
             report,
             submitted,
             names,
+            mesh_sizes: MeshSizes::default(),
             stage: Stage::Requests,
             applied_requests: Vec::new(),
             to_revoke: Vec::new(),
@@ -189,7 +195,7 @@ impl<S: Scheduler> Cluster<S> {
     /// # Errors
     /// Any [`EngineError`]; what was committed before stays committed.
     pub async fn tick(&mut self) -> Result<(), EngineError> {
-        self.world.now_ms = self.surroundings.clock.now_ms();
+        self.books.set_now_ms(self.surroundings.clock.now_ms());
         self.report.commands = 0;
         self.stage = Stage::Requests;
         turn::run(self).await
@@ -197,22 +203,24 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Registers which patient waits for which task and decides for every patient that is not
     /// over, as every coordinator does first.
-    pub async fn begin(&mut self) -> Result<(), EngineError> {
-        for i in 0..self.world.patients.len() {
-            self.world.await_present_task(i);
+    ///
+    /// - `refused`: refusal of a worker other than the run's, raised if a computation is needed
+    pub async fn begin(&mut self, refused: Option<EngineError>) -> Result<(), EngineError> {
+        for i in 0..self.books.patients().len() {
+            self.books.await_present_task(i);
         }
-        let settled = self.decider.over;
+        let settled = self.decider.over();
         let program = self.writer.meta().await?.remove(DECIDED_BY);
         self.decider
-            .decide_all(&mut self.world, program.as_ref(), Patient::is_final)?;
-        self.decider.look_and_answer(&mut self.world)?;
-        self.world.need_a_worker()?;
+            .decide_all(&mut self.books, program.as_ref(), Patient::is_final)?;
+        self.decider.look_and_answer(&mut self.books)?;
+        worker_identity::need(refused, &self.books)?;
         let started = super::EngineEvent::Started {
-            patients: self.decider.of,
+            patients: self.decider.of(),
             settled,
             adopted: 0,
         };
-        self.decider.events.insert(0, started);
+        self.decider.tell_first(started);
         Ok(())
     }
 
@@ -226,13 +234,22 @@ impl<S: Scheduler> Cluster<S> {
         let longest = Duration::from_secs(self.site.poll.longest_s);
         let mut pause = shortest;
         loop {
-            let before = (self.decider.published, self.submitted, self.decider.over);
+            let before = (
+                self.decider.published(),
+                self.submitted,
+                self.decider.over(),
+            );
             self.tick().await?;
             self.writer.publish_snapshot().await?;
             if self.is_finished() || stop.level() > StopLevel::Run {
                 return Ok(());
             }
-            let changed = before != (self.decider.published, self.submitted, self.decider.over);
+            let changed = before
+                != (
+                    self.decider.published(),
+                    self.submitted,
+                    self.decider.over(),
+                );
             pause = if changed {
                 shortest
             } else {
@@ -252,11 +269,11 @@ impl<S: Scheduler> Cluster<S> {
     pub async fn end_jobs(&mut self, stop: &StopSignal) -> Result<(), EngineError> {
         loop {
             self.tick().await?;
-            let rows = self.world.jobs.rows.values();
+            let rows = self.books.jobs().rows().values();
             let ending = rows
                 .flat_map(|row| &row.state.elements)
                 .any(|e| *e == Element::Stopping);
-            if (!ending && self.world.outbox.is_empty()) || stop.level() > StopLevel::Run {
+            if (!ending && self.books.outbox().is_empty()) || stop.level() > StopLevel::Run {
                 return Ok(());
             }
             tokio::select! {
@@ -268,13 +285,13 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Whether nothing is left to do: every selected patient is over, and no job is live.
     fn is_finished(&self) -> bool {
-        self.world
-            .patients
+        self.books
+            .patients()
             .iter()
             .filter(|p| p.selected)
             .all(|p| p.row.state.is_final())
-            && self.world.jobs.rows.is_empty()
-            && self.world.outbox.is_empty()
+            && self.books.jobs().rows().is_empty()
+            && self.books.outbox().is_empty()
     }
 
     /// Passes a crash point.
@@ -290,9 +307,19 @@ impl<S: Scheduler> Cluster<S> {
         Ok(output)
     }
 
+    /// Reads how large the meshes of patients are who may be placed in jobs.
+    fn learn_mesh_sizes(&mut self) -> Result<(), EngineError> {
+        for (i, patient) in self.books.patients().iter().enumerate() {
+            if patient.selected && !patient.row.state.is_final() {
+                self.mesh_sizes.learn(self.books.plan(i)?);
+            }
+        }
+        Ok(())
+    }
+
     fn take_requests(&mut self, pending: Vec<Pending>) -> Result<(), EngineError> {
-        let (told, applied) = requests::apply(&mut self.world, &mut self.decider, pending)?;
-        self.decider.events.extend(told);
+        let (told, applied) = requests::apply(&mut self.books, &mut self.decider, pending)?;
+        told.into_iter().for_each(|event| self.decider.tell(event));
         self.applied_requests = applied;
         Ok(())
     }
@@ -304,8 +331,8 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Takes up the end of an attempt that was stopped.
     fn take_stopped(&mut self, (action, attempt, published): Stopped) -> Result<(), EngineError> {
-        self.world.action_done(action);
-        if !self.world.attempts.contains_key(&attempt) {
+        self.books.action_done(action);
+        if !self.books.attempts().contains_key(&attempt) {
             return Ok(());
         }
         match published {
@@ -327,20 +354,20 @@ impl<S: Scheduler> Cluster<S> {
     pub fn summary(&self, began: Instant, stopped: bool) -> RunSummary {
         let mut summary = RunSummary {
             submitted: self.submitted,
-            published: self.decider.published,
+            published: self.decider.published(),
             stopped,
             cluster: true,
             wall_s: began.elapsed().as_secs_f64(),
             jobs: self
-                .world
-                .jobs
-                .rows
+                .books
+                .jobs()
+                .rows()
                 .values()
                 .map(|row| row.spec.elements.len())
                 .sum(),
             ..RunSummary::default()
         };
-        summary.count(self.world.selected_states());
+        summary.count(self.books.selected_states());
         summary
     }
 }
@@ -350,14 +377,14 @@ impl<S: Scheduler> Engine for Cluster<S> {
 
     async fn observe(&mut self) -> Result<Seen, EngineError> {
         if self.stage == Stage::Requests {
-            let pending = requests::pending(&self.world.run_dir)?;
+            let pending = requests::pending(self.books.run_dir())?;
             if !pending.is_empty() {
                 return Ok(Seen::Requests(pending));
             }
             self.stage = Stage::Jobs;
         }
         if self.stage == Stage::Jobs {
-            for i in 0..self.world.patients.len() {
+            for i in 0..self.books.patients().len() {
                 self.follow(i)?;
             }
             self.look_at_jobs().await?;
@@ -370,6 +397,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
         if self.stage == Stage::Patients {
             let settlements = self.settlements()?;
             self.ask_for_limits(!settlements.is_empty()).await?;
+            self.learn_mesh_sizes()?;
             return Ok(Seen::Settlements(settlements));
         }
         Ok(Seen::Stopped(std::mem::take(&mut self.stopped)))
@@ -383,7 +411,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
             Seen::Stopped(stopped) => stopped
                 .into_iter()
                 .try_for_each(|stopped| self.take_stopped(stopped))?,
-            Seen::Files(seen) => self.decider.answer(&mut self.world, seen)?,
+            Seen::Files(seen) => self.decider.answer(&mut self.books, seen)?,
         }
         let asked = self.decider.questions();
         if asked.is_empty() && self.stage == Stage::Patients {
@@ -394,13 +422,13 @@ impl<S: Scheduler> Engine for Cluster<S> {
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {
-        let mut batch = self.world.flush();
+        let mut batch = self.books.flush();
         let report = serde_json::to_string(&self.report).expect("a report is JSON");
         batch.put_meta(REPORT, &report);
         self.pass("before a commit")?;
         self.writer.commit(&mut batch).await?;
         self.pass("after a commit")?;
-        for event in self.decider.events.drain(..) {
+        for event in self.decider.take_events() {
             // There may be no receiver.
             let _ = self.events.send(event);
         }

@@ -4,13 +4,13 @@ use std::collections::HashMap;
 use std::hash::Hash;
 
 use cardiotwin_schemas::allocation::DriverEnding;
-use cardiotwin_schemas::failure::SiteCause;
+use cardiotwin_schemas::failure::FailureCause;
 use cardiotwin_slurm::answers::accounting::{self, AccountingRow};
 use cardiotwin_slurm::answers::queue::{self, QueueRow};
 use cardiotwin_slurm::answers::{NoAnswer, Table};
 use cardiotwin_slurm::cancelled::OwnTraces;
 use cardiotwin_slurm::commands;
-use cardiotwin_slurm::failure::{Class, Evidence, classify, is_open};
+use cardiotwin_slurm::failure::{Evidence, classify, is_open};
 use cardiotwin_slurm::job::JobName;
 use cardiotwin_slurm::job_status::{self, Accounting, Alive, Ended, JobStatus, Unknown, Wanted};
 use cardiotwin_slurm::state::SlurmState;
@@ -38,18 +38,18 @@ impl<S: Scheduler> Cluster<S> {
     /// Looks at every job that is not over.
     pub(super) async fn look_at_jobs(&mut self) -> Result<(), EngineError> {
         self.queue = None;
-        for (name, element) in self.world.elements_at_work() {
+        for (name, element) in self.books.elements_at_work() {
             self.own_evidence(&name, element)?;
         }
-        let names: Vec<String> = self.world.jobs.rows.keys().cloned().collect();
+        let names: Vec<String> = self.books.jobs().rows().keys().cloned().collect();
         for name in &names {
             self.interrupted_submission(name)?;
         }
         let asked = |row: &&crate::store::cluster_jobs::JobRow| {
             !row.state.is_over() && row.state.submission != Submission::Intended
         };
-        let live = self.world.jobs.rows.values().filter(asked).count();
-        if live == 0 && !(0..self.world.patients.len()).any(|i| wants_place(&self.world, i)) {
+        let live = self.books.jobs().rows().values().filter(asked).count();
+        if live == 0 && !(0..self.books.patients().len()).any(|i| wants_place(&self.books, i)) {
             return Ok(());
         }
         if self.leaves_slurm_alone() {
@@ -58,7 +58,7 @@ impl<S: Scheduler> Cluster<S> {
         let queue = self.ask(commands::queue(), queue::read).await?;
         self.queue.clone_from(&queue);
         let queued = queue.map(|table| by_key(table, |row| (row.name.clone(), row.id.element)));
-        let work = self.world.elements_at_work();
+        let work = self.books.elements_at_work();
         let unclear: Vec<&String> = work
             .iter()
             .filter(|(name, element)| self.needs_accounting(name, *element, queued.as_ref()))
@@ -88,7 +88,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(match read(&output) {
             Ok(answer) => {
                 if command.program == "squeue" {
-                    self.report.answered_ms = Some(self.world.now_ms);
+                    self.report.answered_ms = Some(self.books.now_ms());
                     self.report.no_answer = None;
                     self.answered(None);
                 }
@@ -113,7 +113,7 @@ impl<S: Scheduler> Cluster<S> {
     ) -> Result<Option<Table<AccountingRow>>, EngineError> {
         let rows = names
             .iter()
-            .filter_map(|name| self.world.jobs.rows.get(*name));
+            .filter_map(|name| self.books.jobs().rows().get(*name));
         let since_s = rows.map(|row| row.intended_ms).min().unwrap_or_default() / 1000 - 60;
         let mut listed: Vec<JobName> = names
             .iter()
@@ -129,14 +129,14 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Takes up the files that an element left in its folder.
     fn own_evidence(&mut self, name: &str, element: usize) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else {
+        let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(());
         };
         let (n_nodes, accepted) = (
             row.spec.n_nodes,
             matches!(row.state.submission, Submission::Accepted { .. }),
         );
-        let folder = JobFolder::of(&self.world.run_dir, name);
+        let folder = JobFolder::of(self.books.run_dir(), name);
         if !accepted {
             let Some(started) = folder.started(element, 0) else {
                 return Ok(());
@@ -144,7 +144,7 @@ impl<S: Scheduler> Cluster<S> {
             let job = started
                 .job
                 .and_then(|id| id.split('_').next()?.parse().ok());
-            self.world.job_event(name, JobEvent::Accepted { job })?;
+            self.books.job_event(name, JobEvent::Accepted { job })?;
         }
         let Some(ends) = (0..n_nodes)
             .map(|node| folder.ended(element, node))
@@ -160,7 +160,7 @@ impl<S: Scheduler> Cluster<S> {
             .iter()
             .any(|end| end.because == DriverEnding::OutOfTime);
         let elapsed_s = ends.iter().map(|end| end.wall_s).fold(0.0, f64::max) as u64;
-        self.world.jobs.see(name, element, |seen| {
+        self.books.jobs_mut().see(name, element, |seen| {
             seen.elapsed_s = Some(elapsed_s);
             seen.why.clear();
         });
@@ -170,34 +170,34 @@ impl<S: Scheduler> Cluster<S> {
             "finished"
         };
         let ending = Ending {
-            cause: late.then_some(SiteCause::Walltime),
+            cause: late.then_some(FailureCause::Walltime),
             words: words.to_owned(),
         };
-        self.world
+        self.books
             .job_event(name, JobEvent::Ended { element, ending })
     }
 
     /// A submission that was interrupted by the end of the coordinator becomes doubtful.
     fn interrupted_submission(&mut self, name: &str) -> Result<(), EngineError> {
         let intended = self
-            .world
-            .jobs
-            .rows
+            .books
+            .jobs()
+            .rows()
             .get(name)
             .is_some_and(|row| row.state.submission == Submission::Intended);
-        if intended && JobFolder::of(&self.world.run_dir, name).was_submitting() {
+        if intended && JobFolder::of(self.books.run_dir(), name).was_submitting() {
             let why = "the coordinator ended during the submission".to_owned();
-            let at_ms = self.world.now_ms;
-            self.world.job_event(name, JobEvent::Doubt { at_ms, why })?;
+            let at_ms = self.books.now_ms();
+            self.books.job_event(name, JobEvent::Doubt { at_ms, why })?;
         }
         Ok(())
     }
 
     fn wanted<'a>(&self, name: &'a str, element: usize) -> Wanted<'a> {
         let is_array = self
-            .world
-            .jobs
-            .rows
+            .books
+            .jobs()
+            .rows()
             .get(name)
             .is_some_and(|row| row.spec.is_array);
         Wanted {
@@ -212,7 +212,7 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Whether the fate of an element cannot be told from the queue alone.
     fn needs_accounting(&self, name: &str, element: usize, queued: Option<&Queued>) -> bool {
-        let Some(row) = self.world.jobs.rows.get(name) else {
+        let Some(row) = self.books.jobs().rows().get(name) else {
             return false;
         };
         if row.state.submission == Submission::Intended {
@@ -240,7 +240,7 @@ impl<S: Scheduler> Cluster<S> {
         queued: Option<&Queued>,
         accounted: Option<&Accounted>,
     ) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else {
+        let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(());
         };
         if row.state.submission == Submission::Intended {
@@ -259,7 +259,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn alive(&mut self, name: &str, element: usize, alive: &Alive) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else {
+        let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(());
         };
         let known = matches!(row.state.submission, Submission::Accepted { job: Some(_) });
@@ -269,7 +269,7 @@ impl<S: Scheduler> Cluster<S> {
             _ => false,
         };
         if !known {
-            self.world.job_event(
+            self.books.job_event(
                 name,
                 JobEvent::Accepted {
                     job: Some(alive.id.job),
@@ -277,7 +277,7 @@ impl<S: Scheduler> Cluster<S> {
             )?;
         }
         if !as_before {
-            self.world.job_event(
+            self.books.job_event(
                 name,
                 JobEvent::Seen {
                     element,
@@ -299,10 +299,10 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn ended(&mut self, name: &str, element: usize, ended: &Ended) -> Result<(), EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else {
+        let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(());
         };
-        let folder = JobFolder::of(&self.world.run_dir, name);
+        let folder = JobFolder::of(self.books.run_dir(), name);
         let stopping = row.state.elements.get(element) == Some(&Element::Stopping);
         let array_element = row.spec.is_array.then_some(element);
         let warned = (0..row.spec.n_nodes).any(|node| {
@@ -325,7 +325,7 @@ impl<S: Scheduler> Cluster<S> {
             no_accounting: self.no_accounting,
             waited: match row.state.elements.get(element) {
                 Some(Element::Unknown { since_ms, .. }) => {
-                    self.world.now_ms - since_ms > self.grace_ms().saturating_mul(graces)
+                    self.books.now_ms() - since_ms > self.grace_ms().saturating_mul(graces)
                 }
                 _ => false,
             },
@@ -343,15 +343,15 @@ impl<S: Scheduler> Cluster<S> {
                 "Slurm reports {}, but not yet by whom",
                 ended.state.as_str()
             );
-            self.world.job_event(
+            self.books.job_event(
                 name,
                 JobEvent::Accepted {
                     job: Some(ended.id.job),
                 },
             )?;
             self.look(name, element, |seen| seen.why.clone_from(&why));
-            let at_ms = self.world.now_ms;
-            return self.world.job_event(
+            let at_ms = self.books.now_ms();
+            return self.books.job_event(
                 name,
                 JobEvent::Vanished {
                     element,
@@ -360,14 +360,14 @@ impl<S: Scheduler> Cluster<S> {
                 },
             );
         }
-        let cause = classify(&evidence).map(cause_of);
+        let cause = classify(&evidence);
         let began = if ended.began == Some(false) {
             ", and it never began"
         } else {
             ""
         };
         let words = format!("Slurm reports {}{began}", ended.state.as_str());
-        self.world.job_event(
+        self.books.job_event(
             name,
             JobEvent::Accepted {
                 job: Some(ended.id.job),
@@ -378,7 +378,7 @@ impl<S: Scheduler> Cluster<S> {
             seen.nodes.clone_from(&ended.nodes);
             seen.why.clear();
         });
-        self.world.job_event(
+        self.books.job_event(
             name,
             JobEvent::Ended {
                 element,
@@ -397,7 +397,7 @@ impl<S: Scheduler> Cluster<S> {
         element: usize,
         unknown: &Unknown,
     ) -> Result<(), EngineError> {
-        let now_ms = self.world.now_ms;
+        let now_ms = self.books.now_ms();
         let grace_ms = self.grace_ms();
         let (absent, graces, why) = match unknown {
             Unknown::NotListed { queue_answered, .. } => (
@@ -424,17 +424,17 @@ impl<S: Scheduler> Cluster<S> {
                 ),
             ),
         };
-        let Some(row) = self.world.jobs.rows.get(name) else {
+        let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(());
         };
         let over = |since_ms: i64| absent && now_ms - since_ms > grace_ms.saturating_mul(graces);
         match (&row.state.submission, row.state.elements.get(element)) {
             (Submission::Doubtful { since_ms, .. }, _) if over(*since_ms) => {
-                self.world.job_event(name, JobEvent::Absent)
+                self.books.job_event(name, JobEvent::Absent)
             }
             (Submission::Doubtful { .. }, _) => Ok(()),
             (_, Some(Element::Unknown { since_ms, .. })) if over(*since_ms) => {
-                self.world.job_event(name, JobEvent::GiveUp { element })
+                self.books.job_event(name, JobEvent::GiveUp { element })
             }
             // The element was asked to end and is gone, as wanted.
             (_, Some(Element::Stopping)) if absent && self.left_its_last_word(name, element) => {
@@ -442,7 +442,7 @@ impl<S: Scheduler> Cluster<S> {
                     cause: None,
                     words: "ended by request".to_owned(),
                 };
-                self.world
+                self.books
                     .job_event(name, JobEvent::Ended { element, ending })
             }
             _ => {
@@ -455,7 +455,7 @@ impl<S: Scheduler> Cluster<S> {
                         ..
                     }
                 ) {
-                    self.world.job_event(
+                    self.books.job_event(
                         name,
                         JobEvent::Vanished {
                             element,
@@ -470,29 +470,15 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn left_its_last_word(&self, name: &str, element: usize) -> bool {
-        let folder = JobFolder::of(&self.world.run_dir, name);
+        let folder = JobFolder::of(self.books.run_dir(), name);
         folder.started(element, 0).is_none() || folder.ended(element, 0).is_some()
     }
 
     /// Updates what was seen of an element and marks its patients' rows, which show it.
     fn look(&mut self, name: &str, element: usize, change: impl FnOnce(&mut SeenElement)) {
-        if self.world.jobs.see(name, element, change) {
-            self.world.touch_placed(name, Some(element));
+        if self.books.jobs_mut().see(name, element, change) {
+            self.books.touch_placed(name, Some(element));
         }
-    }
-}
-
-/// Cause of a site failure as people see it.
-fn cause_of(class: Class) -> SiteCause {
-    match class {
-        Class::Walltime => SiteCause::Walltime,
-        Class::OutOfMemory => SiteCause::OutOfMemory,
-        Class::NodeFailure => SiteCause::NodeFailure,
-        Class::Preemption => SiteCause::Preemption,
-        Class::CancelledByPerson => SiteCause::Cancelled,
-        Class::BadInput => SiteCause::Refused,
-        Class::Panic => SiteCause::Defect,
-        Class::Unexplained => SiteCause::Unexplained,
     }
 }
 

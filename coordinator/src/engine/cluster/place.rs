@@ -10,9 +10,9 @@ use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
 use cardiotwin_slurm::site::{Queue, Site, Unit, Use};
 use cardiotwin_slurm::state::Bearing;
 
-use super::{Cluster, Expectations, mesh_size};
+use super::{Cluster, Expectations};
 use crate::dispatch::slurm::Scheduler;
-use crate::engine::world::World;
+use crate::engine::books::Books;
 use crate::engine::{EngineError, cores};
 use crate::store::cluster_jobs::{Allotment, JobSpec, Placed};
 use cardiotwin_schemas::settings::ExecutorSettings;
@@ -24,7 +24,7 @@ use cardiotwin_workflow::task::Task;
 pub struct PlannedJob {
     /// Resources and patients of the job.
     pub spec: JobSpec,
-    /// Patients of each element, as indices into the world's patients.
+    /// Patients of each element, as indices into the books' patients.
     pub patients: Vec<Vec<usize>>,
     /// Expected working time of an element, s.
     pub predicted_s: f64,
@@ -45,8 +45,8 @@ struct Like {
 impl<S: Scheduler> Cluster<S> {
     /// Packs waiting patients into jobs and puts these with their names into the next commit.
     pub(super) fn place(&mut self) -> Result<(), EngineError> {
-        self.world.jobs.holds = None;
-        let waiting = waiting(&self.world);
+        self.books.jobs_mut().set_holds(None);
+        let waiting = waiting(&self.books);
         self.report.node_hours_left = 0.0;
         self.report.finish_after_s = None;
         if waiting.is_empty() {
@@ -64,9 +64,9 @@ impl<S: Scheduler> Cluster<S> {
         let (rows, intended) = (queue.rows.clone(), self.intended());
         // Jobs whose names are committed but which are not yet in the queue take room, too.
         let in_use = |queue: &Queue| in_use(queue, &rows, intended);
-        let expected = Expectations::of(&self.world, &self.settings);
+        let expected = Expectations::of(&self.books, &self.settings, &self.mesh_sizes);
         let jobs = plan_jobs(
-            &self.world,
+            &self.books,
             &waiting,
             &self.site,
             &self.settings,
@@ -82,7 +82,7 @@ impl<S: Scheduler> Cluster<S> {
             .sum();
         for job in jobs.into_iter().filter(|job| job.now) {
             let name = self.fresh_name();
-            self.world.intend_job(name, job.spec);
+            self.books.intend_job(name, job.spec);
         }
         self.hold(
             (later > 0)
@@ -94,9 +94,9 @@ impl<S: Scheduler> Cluster<S> {
     fn intended(&self) -> u32 {
         use cardiotwin_workflow::cluster_job::Submission;
         let rows = self
-            .world
-            .jobs
-            .rows
+            .books
+            .jobs()
+            .rows()
             .values()
             .filter(|row| row.state.submission == Submission::Intended);
         u32::try_from(rows.map(|row| row.spec.elements.len()).sum::<usize>()).unwrap_or(u32::MAX)
@@ -104,15 +104,15 @@ impl<S: Scheduler> Cluster<S> {
 
     pub(super) fn hold(&mut self, why: Option<String>) {
         self.report.holds.clone_from(&why);
-        self.world.jobs.holds = why;
+        self.books.jobs_mut().set_holds(why);
     }
 
     /// A name that no job has had: cohort, time, process id and a counter.
     fn fresh_name(&mut self) -> String {
         let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
         let run = self
-            .world
-            .run_dir
+            .books
+            .run_dir()
             .parent()
             .and_then(|p| p.file_name())
             .unwrap_or_default()
@@ -120,9 +120,9 @@ impl<S: Scheduler> Cluster<S> {
         let cohort: String = run.chars().map(plain).take(24).collect();
         loop {
             self.names += 1;
-            let (now_ms, pid, n) = (self.world.now_ms, std::process::id(), self.names);
+            let (now_ms, pid, n) = (self.books.now_ms(), std::process::id(), self.names);
             let name = format!("ct-{cohort}-{now_ms:x}-{pid:x}-{n:x}");
-            if !self.world.jobs.rows.contains_key(&name) {
+            if !self.books.jobs().rows().contains_key(&name) {
                 return name;
             }
         }
@@ -151,22 +151,21 @@ pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
 }
 
 /// Whether a patient waits for a place in a job.
-pub fn wants_place(world: &World, i: usize) -> bool {
-    let patient = &world.patients[i];
+pub fn wants_place(books: &Books, i: usize) -> bool {
+    let patient = books.patient(i);
     let open = |key: &TaskKey| {
-        world
-            .tasks
-            .get(key)
+        books
+            .task(key)
             .is_some_and(|task| matches!(task.state, Task::Open { .. }))
     };
     patient.selected
-        && !world.jobs.placed.contains_key(&patient.row.id)
-        && present_task(world, i).is_some_and(|key| open(&key))
+        && !books.jobs().placed().contains_key(&patient.row.id)
+        && present_task(books, i).is_some_and(|key| open(&key))
 }
 
 /// Task that a patient waits for.
-pub fn present_task(world: &World, i: usize) -> Option<TaskKey> {
-    match &world.patients[i].row.state {
+pub fn present_task(books: &Books, i: usize) -> Option<TaskKey> {
+    match &books.patient(i).row.state {
         Patient::Working { task, .. } => Some(task.clone()),
         _ => None,
     }
@@ -174,15 +173,20 @@ pub fn present_task(world: &World, i: usize) -> Option<TaskKey> {
 
 /// Patients that want a place, one per task: patients that want the same task wait for the same
 /// job.
-pub fn waiting(world: &World) -> Vec<usize> {
-    let is_placed = |i: &usize| world.jobs.placed.contains_key(&world.patients[*i].row.id);
-    let placed = (0..world.patients.len()).filter(is_placed);
-    let mut tasks: HashSet<TaskKey> = placed.filter_map(|i| present_task(world, i)).collect();
-    let mut waiting: Vec<usize> = (0..world.patients.len())
-        .filter(|i| wants_place(world, *i))
+pub fn waiting(books: &Books) -> Vec<usize> {
+    let is_placed = |i: &usize| {
+        books
+            .jobs()
+            .placed()
+            .contains_key(&books.patient(*i).row.id)
+    };
+    let placed = (0..books.patients().len()).filter(is_placed);
+    let mut tasks: HashSet<TaskKey> = placed.filter_map(|i| present_task(books, i)).collect();
+    let mut waiting: Vec<usize> = (0..books.patients().len())
+        .filter(|i| wants_place(books, *i))
         .collect();
-    waiting.sort_by_key(|i| world.patients[*i].row.position);
-    waiting.retain(|i| present_task(world, *i).is_some_and(|key| tasks.insert(key)));
+    waiting.sort_by_key(|i| books.patient(*i).row.position);
+    waiting.retain(|i| present_task(books, *i).is_some_and(|key| tasks.insert(key)));
     waiting
 }
 
@@ -191,7 +195,7 @@ pub fn waiting(world: &World) -> Vec<usize> {
 /// # Errors
 /// [`EngineError::Site`] if the site has no queue for the work, or a patient fits into no job.
 pub fn plan_jobs(
-    world: &World,
+    books: &Books,
     patients: &[usize],
     site: &Site,
     settings: &ExecutorSettings,
@@ -200,7 +204,7 @@ pub fn plan_jobs(
 ) -> Result<Vec<PlannedJob>, EngineError> {
     let mut groups: BTreeMap<Like, Vec<usize>> = BTreeMap::new();
     for &i in patients {
-        let plan = world.plan(i)?;
+        let plan = books.plan(i)?;
         let in_3d = plan.workflow == Workflow::Personalise
             && plan.settings.solver.fidelity != Fidelity::Reduced;
         let Allotment {
@@ -208,11 +212,11 @@ pub fn plan_jobs(
             lanes,
             exclude,
             ..
-        } = world.jobs.allotment(world.patients[i].row.id);
+        } = books.jobs().allotment(books.patient(i).row.id);
         let threads = cores::threads_in_job(
             settings,
             &plan.settings.solver,
-            mesh_size::nodes(plan),
+            expected.mesh_nodes(plan),
             site.node.cores,
         );
         let like = Like {
@@ -243,7 +247,7 @@ pub fn plan_jobs(
         let mut used = in_use(queue);
         used.queued += taken.queued;
         let group = Group {
-            world,
+            books,
             site,
             queue,
             settings,
@@ -270,7 +274,7 @@ pub fn plan_jobs(
 }
 
 struct Group<'a> {
-    world: &'a World,
+    books: &'a Books,
     site: &'a Site,
     queue: &'a Queue,
     settings: &'a ExecutorSettings,
@@ -296,7 +300,7 @@ impl Group<'_> {
     fn rest_s(&self, i: usize) -> Result<f64, EngineError> {
         Ok(self
             .expected
-            .rest_s(self.world.plan(i)?, &self.world.patients[i].chain))
+            .rest_s(self.books.plan(i)?, &self.books.patient(i).chain))
     }
 
     /// Number of patients side by side on a whole node.
@@ -312,8 +316,8 @@ impl Group<'_> {
     }
 
     fn placed(&self, i: usize) -> Placed {
-        let patient = &self.world.patients[i];
-        let plan = self.world.jobs.allotment(patient.row.id).plans;
+        let patient = self.books.patient(i);
+        let plan = self.books.jobs().allotment(patient.row.id).plans;
         Placed {
             patient_id: patient.row.id,
             settled: patient.chain.steps().count(),

@@ -11,14 +11,15 @@ use serde::Serialize;
 
 use super::disk_need::DiskNeed;
 use super::expect::Expectations;
+use super::mesh_size::MeshSizes;
 use super::place::{PlannedJob, in_use, plan_jobs, waiting};
 use super::profile::{discover_now, load_site};
 use super::submit::script_of;
 use crate::clock;
 use crate::dispatch::slurm::folder::JobFolder;
 use crate::dispatch::slurm::{Installed, Scheduler};
+use crate::engine::books::Books;
 use crate::engine::foresee::decide_unwritten;
-use crate::engine::world::World;
 use crate::engine::{EngineError, RunOptions};
 use crate::store::Writer;
 
@@ -81,8 +82,8 @@ pub struct PlannedRow {
 pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun, EngineError> {
     let run_dir = std::path::absolute(&options.run_dir).unwrap_or_else(|_| options.run_dir.clone());
     let mut site = load_site(&options.executor.slurm)?;
-    let mut world = World::new(&run_dir, Writer::look(&run_dir).await?, clock::now_ms())?;
-    decide_unwritten(&mut world, options.patients.as_deref())?;
+    let mut books = Books::new(&run_dir, Writer::look(&run_dir).await?, clock::now_ms())?;
+    decide_unwritten(&mut books, options.patients.as_deref())?;
     let mut scheduler = Installed::default();
     let mut remarks = discover_now(&mut site, &mut scheduler).await;
     let rows = match queue::read(&scheduler.ask(&commands::queue()).await) {
@@ -92,14 +93,18 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
             Vec::new()
         }
     };
-    let patients = waiting(&world);
-    let open: Vec<usize> = (0..world.patients.len())
-        .filter(|i| world.patients[*i].selected && !world.patients[*i].row.state.is_final())
+    let patients = waiting(&books);
+    let open: Vec<usize> = (0..books.patients().len())
+        .filter(|i| books.patient(*i).selected && !books.patient(*i).row.state.is_final())
         .collect();
-    let expected = Expectations::of(&world, &options.executor);
+    let mut mesh_sizes = MeshSizes::default();
+    for &i in &patients {
+        mesh_sizes.learn(books.plan(i)?);
+    }
+    let expected = Expectations::of(&books, &options.executor, &mesh_sizes);
     let used = |queue: &Queue| in_use(queue, &rows, 0);
     let jobs = plan_jobs(
-        &world,
+        &books,
         &patients,
         &site,
         &options.executor,
@@ -136,12 +141,12 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
     };
     Ok(PlannedRun {
         remarks,
-        others: world.patients.iter().filter(|p| p.selected).count() - patients.len(),
+        others: books.patients().iter().filter(|p| p.selected).count() - patients.len(),
         node_hours,
         charge: node_hours * site.charge_per_node_hour,
         charge_unit: site.charge_unit.clone(),
         finish_after_s,
-        disk: DiskNeed::of(&world, open.into_iter())?,
+        disk: DiskNeed::of(&books, open.into_iter())?,
         jobs: planned,
         site: site.name,
     })

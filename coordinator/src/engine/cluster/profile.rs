@@ -97,7 +97,7 @@ impl<S: Scheduler> Cluster<S> {
     ///
     /// - `has_ends`: whether jobs ended, whose patients may wait for another one
     pub(super) async fn ask_for_limits(&mut self, has_ends: bool) -> Result<(), EngineError> {
-        if has_ends || !waiting(&self.world).is_empty() {
+        if has_ends || !waiting(&self.books).is_empty() {
             self.discover().await?;
         }
         Ok(())
@@ -114,7 +114,7 @@ impl<S: Scheduler> Cluster<S> {
             stdout,
             stderr: String::new(),
         };
-        let (config, qos) = if self.world.now_ms - told_ms < TOLD_FOR_MS {
+        let (config, qos) = if self.books.now_ms() - told_ms < TOLD_FOR_MS {
             (said(value(TOLD[1])), said(value(TOLD[2])))
         } else {
             let config = self.run_command(&commands::config()).await?;
@@ -123,7 +123,7 @@ impl<S: Scheduler> Cluster<S> {
             if config.exit == Exit::Code(0) {
                 remember(
                     &mut self.writer,
-                    self.world.now_ms,
+                    self.books.now_ms(),
                     &config.stdout,
                     &qos.stdout,
                 )

@@ -3,9 +3,9 @@
 
 use cardiotwin_protocol::closing;
 use cardiotwin_schemas::allocation::DriverEnd;
-use cardiotwin_schemas::failure::{Failure, FailureClass, SiteCause};
+use cardiotwin_schemas::failure::{Failure, FailureCause, FailureClass};
 use cardiotwin_schemas::ids::{AttemptId, PatientId};
-use cardiotwin_slurm::failure::{self, Budgets, Class, Given, Next, Spent};
+use cardiotwin_slurm::failure::{self, Budgets, Given, Next, Spent};
 use cardiotwin_workflow::attempt::AttemptEnding;
 use cardiotwin_workflow::cluster_job::{Element, Ending, JobEvent, Submission};
 use cardiotwin_workflow::patient::Patient;
@@ -13,6 +13,7 @@ use cardiotwin_workflow::task::Task;
 
 use super::Cluster;
 use super::place::present_task;
+use super::standing::{Settlement, Standing};
 use crate::dispatch;
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::{self, JobFolder};
@@ -21,31 +22,10 @@ use crate::engine::requests::Request;
 use crate::store::cluster_jobs::{JobRow, Placed, id_text};
 use crate::store::outbox::Action;
 
-/// An element of a job that was revoked, with its patients.
-pub struct Settlement {
-    name: String,
-    element: usize,
-    patients: Vec<Standing>,
-}
-
-/// Standing of a patient whose job has ended.
-struct Standing {
-    i: usize,
-    placed: Placed,
-    /// The attempt of this job that was revoked before it published.
-    interrupted: Option<AttemptId>,
-    /// Whether tasks were settled, or a checkpoint was left.
-    has_progressed: bool,
-    /// Reason for which the driver left the patient.
-    left: Option<String>,
-    /// Whether the patient's worker died of a defect.
-    has_defect: bool,
-}
-
 impl<S: Scheduler> Cluster<S> {
     /// Elements that ended and whose patients were not dealt with yet.
     pub(super) fn ended_elements(&self) -> Vec<(String, usize)> {
-        let rows = self.world.jobs.rows.values();
+        let rows = self.books.jobs().rows().values();
         rows.flat_map(|row| {
             let states = row.state.elements.iter().enumerate();
             let open = states.filter(|(element, _)| !row.seen[*element].settled);
@@ -60,12 +40,12 @@ impl<S: Scheduler> Cluster<S> {
     /// killed here does the same again.
     pub(super) fn revoke_ended(&mut self) -> Result<(), EngineError> {
         for (name, element) in std::mem::take(&mut self.to_revoke) {
-            JobFolder::of(&self.world.run_dir, &name).fence(element)?;
+            JobFolder::of(self.books.run_dir(), &name).fence(element)?;
             self.pass("after an element was revoked")?;
             for i in self.patients_of(&name, element) {
                 self.follow(i)?;
                 if let Some(attempt) = self.attempt_of(i, &name) {
-                    let directory = self.world.directory(&attempt);
+                    let directory = self.books.directory(&attempt);
                     dispatch::revoke(&directory, &attempt, &format!("job {name} ended"))?;
                     self.pass("after an attempt was revoked")?;
                 }
@@ -90,29 +70,29 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn standings(&mut self, name: &str, element: usize) -> Result<Vec<Standing>, EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name) else {
+        let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(Vec::new());
         };
         let patients = row.spec.elements[element].clone();
-        let folder = JobFolder::of(&self.world.run_dir, name);
+        let folder = JobFolder::of(self.books.run_dir(), name);
         let ends: Vec<DriverEnd> = (0..row.spec.n_nodes)
             .filter_map(|node| folder.ended(element, node))
             .collect();
         let mut standings = Vec::new();
         for placed in patients {
-            let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
+            let Some(i) = self.books.by_id(placed.patient_id) else {
                 continue;
             };
             // An outcome that was published before the revocation counts.
             self.follow(i)?;
             let interrupted = self
                 .attempt_of(i, name)
-                .filter(|attempt| closing::is_revoked(&self.world.directory(attempt)));
+                .filter(|attempt| closing::is_revoked(&self.books.directory(attempt)));
             let has_progressed = self.settled_tasks(i) > placed.settled
                 || interrupted
                     .as_ref()
-                    .is_some_and(|a| folder::has_checkpoint(&self.world.directory(a)));
-            let id = PatientId(self.world.patients[i].row.patient.clone());
+                    .is_some_and(|a| folder::has_checkpoint(&self.books.directory(a)));
+            let id = PatientId(self.books.patient(i).row.patient.clone());
             standings.push(Standing {
                 i,
                 placed,
@@ -133,18 +113,18 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn patients_of(&self, job: &str, element: usize) -> Vec<usize> {
-        let row = self.world.jobs.rows.get(job);
+        let row = self.books.jobs().rows().get(job);
         let placed = row.map(|row| &row.spec.elements[element]);
         placed
             .into_iter()
             .flatten()
-            .filter_map(|placed| self.world.by_id.get(&placed.patient_id).copied())
+            .filter_map(|placed| self.books.by_id(placed.patient_id))
             .collect()
     }
 
     fn settle(&mut self, settlement: Settlement) -> Result<(), EngineError> {
         let (name, element) = (&settlement.name, settlement.element);
-        let Some(row) = self.world.jobs.rows.get(name).cloned() else {
+        let Some(row) = self.books.jobs().rows().get(name).cloned() else {
             return Ok(());
         };
         let Some(Element::Over { ending }) = row.state.elements.get(element) else {
@@ -154,9 +134,9 @@ impl<S: Scheduler> Cluster<S> {
         let anybody = settlement.patients.iter().any(is_begun);
         for standing in settlement.patients {
             let (i, placed) = (standing.i, &standing.placed);
-            let stale = placed.plan != self.world.jobs.allotment(placed.patient_id).plans;
+            let stale = placed.plan != self.books.jobs().allotment(placed.patient_id).plans;
             let over =
-                self.world.patients[i].row.state.is_final() || !self.world.patients[i].row.active;
+                self.books.patient(i).row.state.is_final() || !self.books.patient(i).row.active;
             if over || stale {
                 if let Some(attempt) = standing.interrupted {
                     self.interrupt(&attempt, "its job ended")?;
@@ -165,35 +145,35 @@ impl<S: Scheduler> Cluster<S> {
             }
             if !is_begun(&standing)
                 && (anybody || matches!(row.state.submission, Submission::Void { .. }))
-                && ending.cause != Some(SiteCause::Refused)
+                && ending.cause != Some(FailureCause::Refused)
             {
                 // The patient's turn did not come, or the job never existed: nothing happened to
                 // the patient.
-                if ending.cause == Some(SiteCause::Cancelled) {
+                if ending.cause == Some(FailureCause::Cancelled) {
                     self.cancelled_by_person(i, name)?;
                 }
                 continue;
             }
             self.follows(&row, element, ending, standing)?;
         }
-        self.world.element_settled(name, element);
+        self.books.element_settled(name, element);
         Ok(())
     }
 
     /// The attempt at a patient's present task, if this job began it.
     fn attempt_of(&self, i: usize, job: &str) -> Option<AttemptId> {
-        let task = present_task(&self.world, i)?;
-        let Task::Attempting { generation, .. } = self.world.tasks.get(&task)?.state else {
+        let task = present_task(&self.books, i)?;
+        let Task::Attempting { generation, .. } = self.books.task(&task)?.state else {
             return None;
         };
         let attempt = AttemptId { task, generation };
-        let allocation = folder::allocation_of(&self.world.directory(&attempt))?;
+        let allocation = folder::allocation_of(&self.books.directory(&attempt))?;
         (allocation.job == job).then_some(attempt)
     }
 
     /// Number of settled tasks of a patient's chain.
     pub(super) fn settled_tasks(&self, i: usize) -> usize {
-        self.world.patients[i].chain.steps().count()
+        self.books.patient(i).chain.steps().count()
     }
 
     /// Consequences for a patient whose chain the job did not finish.
@@ -211,23 +191,17 @@ impl<S: Scheduler> Cluster<S> {
             has_progressed,
             ..
         } = standing;
-        let patient_id = self.world.patients[i].row.id;
-        let class = match ending.cause {
-            Some(SiteCause::Walltime) => Class::Walltime,
-            Some(SiteCause::OutOfMemory) => Class::OutOfMemory,
-            Some(SiteCause::NodeFailure) => Class::NodeFailure,
-            Some(SiteCause::Preemption) => Class::Preemption,
-            Some(SiteCause::Cancelled) => return self.cancelled(i, &row.name, interrupted),
-            Some(SiteCause::Refused) => Class::BadInput,
-            Some(SiteCause::Defect) => Class::Panic,
-            _ if standing.has_defect => Class::Panic,
-            Some(SiteCause::Unexplained) => Class::Unexplained,
+        let patient_id = self.books.patient(i).row.id;
+        let cause = match ending.cause {
+            Some(FailureCause::Cancelled) => return self.cancelled(i, &row.name, interrupted),
+            None | Some(FailureCause::Unexplained) if standing.has_defect => FailureCause::Defect,
+            Some(cause) => cause,
             // The job ended in order: its remaining patients had too little time, or a worker that
             // died.
-            None if interrupted.is_none() => Class::Walltime,
-            None => Class::Unexplained,
+            None if interrupted.is_none() => FailureCause::Walltime,
+            None => FailureCause::Unexplained,
         };
-        let mut allotment = self.world.jobs.allotment(patient_id);
+        let mut allotment = self.books.jobs().allotment(patient_id);
         let given = Given {
             ranks_per_node: row.spec.lanes.max(1),
             memory_per_rank_mib: row.spec.memory_mib.map_or_else(
@@ -261,7 +235,7 @@ impl<S: Scheduler> Cluster<S> {
                 ending.words
             )
         };
-        match failure::next(class, &nodes, has_progressed, &given, spent, budgets) {
+        match failure::next(cause, &nodes, has_progressed, &given, spent, budgets) {
             Next::Again {
                 given: more,
                 spent,
@@ -276,8 +250,10 @@ impl<S: Scheduler> Cluster<S> {
                 (allotment.infrastructure, allotment.free) = (spent.infrastructure, spent.free);
                 allotment.why = said(&why);
                 let event = crate::engine::EngineEvent::AttemptFailed {
-                    patient: PatientId(self.world.patients[i].row.patient.clone()),
-                    step: self.world.patients[i]
+                    patient: PatientId(self.books.patient(i).row.patient.clone()),
+                    step: self
+                        .books
+                        .patient(i)
                         .row
                         .state
                         .step()
@@ -289,24 +265,17 @@ impl<S: Scheduler> Cluster<S> {
                     },
                     retried: true,
                 };
-                self.decider.events.push(event);
-                self.world.jobs.set_allotment(patient_id, allotment);
+                self.decider.tell(event);
+                self.books.jobs_mut().set_allotment(patient_id, allotment);
                 match interrupted {
                     Some(attempt) => self.interrupt(&attempt, "its job ended"),
                     None => Ok(()),
                 }
             }
             Next::Stays { why } => {
-                let (class, cause) = match class {
-                    Class::Panic => (FailureClass::Bug, None),
-                    Class::Walltime => (
-                        FailureClass::Site,
-                        ending.cause.or(Some(SiteCause::Walltime)),
-                    ),
-                    _ => (
-                        FailureClass::Site,
-                        ending.cause.or(Some(SiteCause::Unexplained)),
-                    ),
+                let (class, cause) = match cause {
+                    FailureCause::Defect => (FailureClass::Bug, None),
+                    cause => (FailureClass::Site, Some(cause)),
                 };
                 let failure = Failure {
                     cause,
@@ -325,23 +294,23 @@ impl<S: Scheduler> Cluster<S> {
         interrupted: Option<AttemptId>,
         failure: Failure,
     ) -> Result<(), EngineError> {
-        let Some(key) = present_task(&self.world, i) else {
+        let Some(key) = present_task(&self.books, i) else {
             return Ok(());
         };
         let attempt = match interrupted {
             Some(attempt) => attempt,
             None => {
-                let generation = self.world.tasks[&key].state.generation() + 1;
-                let attempt = self.world.begin_found(&key, generation)?;
+                let generation = self.books.tasks()[&key].state.generation() + 1;
+                let attempt = self.books.begin_found(&key, generation)?;
                 // No driver may begin this generation any more.
-                self.world.put_action(Action::Stop {
+                self.books.put_action(Action::Stop {
                     attempt: attempt.clone(),
                 });
                 attempt
             }
         };
         self.decider.attempt_over(
-            &mut self.world,
+            &mut self.books,
             &attempt,
             AttemptEnding::Failed { failure },
             None,
@@ -364,24 +333,23 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn cancelled_by_person(&mut self, i: usize, job: &str) -> Result<(), EngineError> {
-        let patient = PatientId(self.world.patients[i].row.patient.clone());
+        let patient = PatientId(self.books.patient(i).row.patient.clone());
         let text = format!("{patient}: a person cancelled job {job}; cancelled until `retry`");
         self.decider.request(
-            &mut self.world,
+            &mut self.books,
             &Request::Cancel {
                 patient: Some(patient),
             },
         )?;
         self.decider
-            .events
-            .push(crate::engine::EngineEvent::Request { text });
+            .tell(crate::engine::EngineEvent::Request { text });
         Ok(())
     }
 
     /// Cancels elements at the scheduler that have unwanted patients and no wanted ones.
     pub(super) fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
-        for (name, element) in self.world.elements_at_work() {
-            let row = &self.world.jobs.rows[&name];
+        for (name, element) in self.books.elements_at_work() {
+            let row = &self.books.jobs().rows()[&name];
             if row.state.elements[element] == Element::Stopping {
                 continue;
             }
@@ -396,22 +364,22 @@ impl<S: Scheduler> Cluster<S> {
                 }
             }
             if unwanted && !wanted {
-                self.world.job_event(&name, JobEvent::Cancel { element })?;
+                self.books.job_event(&name, JobEvent::Cancel { element })?;
             }
         }
         Ok(())
     }
 
     fn wish(&self, placed: &Placed) -> Wish {
-        let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
+        let Some(i) = self.books.by_id(placed.patient_id) else {
             return Wish::Unwanted;
         };
-        let row = &self.world.patients[i].row;
+        let row = &self.books.patient(i).row;
         match row.state {
             Patient::Done | Patient::Failed { .. } => Wish::Done,
             Patient::Cancelled { .. } => Wish::Unwanted,
             _ if !row.active
-                || placed.plan != self.world.jobs.allotment(placed.patient_id).plans =>
+                || placed.plan != self.books.jobs().allotment(placed.patient_id).plans =>
             {
                 Wish::Unwanted
             }

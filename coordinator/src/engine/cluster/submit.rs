@@ -14,8 +14,8 @@ use super::{Cluster, Expectations};
 use crate::dispatch::slurm::Scheduler;
 use crate::dispatch::slurm::folder::JobFolder;
 use crate::dispatch::{self, Evidence};
+use crate::engine::books::Books;
 use crate::engine::turn::Engine as _;
-use crate::engine::world::World;
 use crate::engine::{EngineError, overlay};
 use crate::store::cluster_jobs::{JobRow, JobSpec};
 use crate::store::outbox::Action;
@@ -42,7 +42,7 @@ impl<S: Scheduler> Cluster<S> {
         } else {
             Room::Open
         };
-        let actions = std::mem::take(&mut self.world.outbox);
+        let actions = self.books.take_outbox();
         let mut kept = Vec::new();
         // Fences come first, because jobs that are submitted below may go past the attempts that
         // they stop.
@@ -53,7 +53,7 @@ impl<S: Scheduler> Cluster<S> {
             self.pass("before an action")?;
             match action {
                 Action::FenceJob { job, element } => {
-                    JobFolder::of(&self.world.run_dir, &job).fence(element)?
+                    JobFolder::of(self.books.run_dir(), &job).fence(element)?
                 }
                 Action::Stop { attempt } => {
                     let published = self.stop(&attempt)?;
@@ -62,7 +62,7 @@ impl<S: Scheduler> Cluster<S> {
                     self.stopped.push((id, attempt, published));
                     continue;
                 }
-                Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
+                Action::WriteOverlay { patient_id } => overlay::write_of(&self.books, patient_id)?,
                 Action::CancelJob { job, element } => {
                     cancelled.push((id, job, element));
                     continue;
@@ -71,7 +71,7 @@ impl<S: Scheduler> Cluster<S> {
                     if matches!(room, Room::Open) {
                         room = self.submit(&job).await?;
                     }
-                    let row = self.world.jobs.rows.get(&job);
+                    let row = self.books.jobs().rows().get(&job);
                     if row.is_some_and(|row| row.state.submission == Submission::Intended) {
                         kept.push((id, Action::SubmitJob { job }));
                         continue;
@@ -81,18 +81,17 @@ impl<S: Scheduler> Cluster<S> {
                 Action::Submit { .. } => {}
             }
             self.pass("after an action")?;
-            self.world.action_done(id);
+            self.books.action_done(id);
         }
         self.cancel(cancelled, &mut kept).await?;
-        kept.append(&mut self.world.outbox);
-        self.world.outbox = kept;
+        self.books.keep_actions(kept);
         Ok(())
     }
 
     /// Revokes an attempt that is not wanted any more. An outcome that was published first is taken
     /// up.
     fn stop(&self, attempt: &AttemptId) -> Result<Option<Evidence>, EngineError> {
-        let directory = self.world.directory(attempt);
+        let directory = self.books.directory(attempt);
         // An attempt that never began is revoked as well, so that no driver begins it.
         std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {
             what: "create",
@@ -111,7 +110,7 @@ impl<S: Scheduler> Cluster<S> {
     ) -> Result<(), EngineError> {
         let (mut numbers, mut names) = (Vec::new(), Vec::new());
         for (_, name, element) in &wanted {
-            let Some(row) = self.world.jobs.rows.get(name) else {
+            let Some(row) = self.books.jobs().rows().get(name) else {
                 continue;
             };
             match &row.state.submission {
@@ -138,7 +137,7 @@ impl<S: Scheduler> Cluster<S> {
         }
         for (id, job, element) in wanted {
             match done {
-                true => self.world.action_done(id),
+                true => self.books.action_done(id),
                 // The cancellation is repeated at the next tick.
                 false => kept.push((id, Action::CancelJob { job, element })),
             }
@@ -147,10 +146,10 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     async fn submit(&mut self, name: &str) -> Result<Room, EngineError> {
-        let Some(row) = self.world.jobs.rows.get(name).cloned() else {
+        let Some(row) = self.books.jobs().rows().get(name).cloned() else {
             return Ok(Room::Open);
         };
-        let folder = JobFolder::of(&self.world.run_dir, name);
+        let folder = JobFolder::of(self.books.run_dir(), name);
         if row.state.submission != Submission::Intended || folder.was_submitting() {
             return Ok(Room::Open); // submitted before: the next tick looks it up
         }
@@ -164,7 +163,7 @@ impl<S: Scheduler> Cluster<S> {
         ) {
             Ok(text) => text,
             Err(error) => {
-                self.world.job_event(
+                self.books.job_event(
                     name,
                     JobEvent::Refused {
                         why: error.to_string(),
@@ -188,14 +187,14 @@ impl<S: Scheduler> Cluster<S> {
         let room = match answer {
             Answer::Accepted { job, .. } => {
                 self.submitted += row.spec.elements.len() as u64;
-                self.world
+                self.books
                     .job_event(name, JobEvent::Accepted { job: Some(job.job) })?;
                 Room::Open
             }
             Answer::Refused(refusal)
                 if matches!(refusal.kind, RefusalKind::Impossible | RefusalKind::Person) =>
             {
-                self.world.job_event(
+                self.books.job_event(
                     name,
                     JobEvent::Refused {
                         why: format!("refused by Slurm: {}", refusal.said),
@@ -209,17 +208,17 @@ impl<S: Scheduler> Cluster<S> {
                 self.pass("after a mark was taken back")?;
                 let why = format!("refused for now: {}", refusal.said);
                 for element in 0..row.spec.elements.len() {
-                    self.world
-                        .jobs
+                    self.books
+                        .jobs_mut()
                         .see(name, element, |seen| seen.why.clone_from(&why));
                 }
-                self.world.touch_placed(name, None);
+                self.books.touch_placed(name, None);
                 self.hold(Some(format!("the queue is full: {}", refusal.said)));
                 Room::Closed
             }
             Answer::Doubtful { why } => {
-                let at_ms = self.world.now_ms;
-                self.world.job_event(
+                let at_ms = self.books.now_ms();
+                self.books.job_event(
                     name,
                     JobEvent::Doubt {
                         at_ms,
@@ -238,30 +237,30 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Orders for the driver of each element.
     fn orders(&self, row: &JobRow) -> Result<Vec<JobOrder>, EngineError> {
-        let expected = Expectations::of(&self.world, &self.settings);
+        let expected = Expectations::of(&self.books, &self.settings, &self.mesh_sizes);
         let mut orders = Vec::with_capacity(row.spec.elements.len());
         for element in &row.spec.elements {
             let mut expected_s = std::collections::BTreeMap::new();
             let mut patients = Vec::with_capacity(element.len());
             for placed in element {
-                let Some(&i) = self.world.by_id.get(&placed.patient_id) else {
+                let Some(i) = self.books.by_id(placed.patient_id) else {
                     continue;
                 };
-                let plan = self.world.plan(i)?;
+                let plan = self.books.plan(i)?;
                 for (kind, seconds) in expected.by_kind(plan) {
                     let longest: &mut f64 = expected_s.entry(kind).or_default();
                     *longest = longest.max(seconds);
                 }
                 patients.push(JobPatient {
                     plan: plan.clone(),
-                    carried: self.world.patients[i].carried.clone(),
-                    known: known_tasks(&self.world, i),
+                    carried: self.books.patient(i).carried.clone(),
+                    known: known_tasks(&self.books, i),
                 });
             }
             orders.push(JobOrder {
                 schema_version: formats::JOB_ORDER.version,
                 job: row.name.clone(),
-                run_dir: self.world.run_dir.clone(),
+                run_dir: self.books.run_dir().to_owned(),
                 worker: self.worker.clone(),
                 lanes: row.spec.lanes,
                 threads: row.spec.threads,
@@ -278,12 +277,12 @@ impl<S: Scheduler> Cluster<S> {
 
 /// Tasks of a patient that its driver must know: those of its chain and the one that it waits for.
 /// Tasks without any attempt are left out.
-fn known_tasks(world: &World, i: usize) -> Vec<KnownTask> {
-    let mut keys: Vec<_> = world.patients[i].steps.values().collect();
+fn known_tasks(books: &Books, i: usize) -> Vec<KnownTask> {
+    let mut keys: Vec<_> = books.patient(i).steps.values().collect();
     keys.sort();
     keys.dedup();
     let known = |key: &&cardiotwin_schemas::ids::TaskKey| {
-        let (generation, standing) = match &world.tasks.get(key)?.state {
+        let (generation, standing) = match &books.task(key)?.state {
             Task::Open { generation: 0, .. } => return None,
             Task::Open { generation, .. } => (*generation, Standing::Open),
             Task::Published { generation } => (*generation, Standing::Published),

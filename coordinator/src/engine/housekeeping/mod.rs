@@ -21,7 +21,7 @@ use cardiotwin_workflow::task::Task;
 pub use classes::Class;
 use classes::Standing;
 
-use super::world::{ATTEMPTS, World, attempt_directory};
+use super::books::{ATTEMPTS, Books, attempt_directory};
 use super::{EngineError, enter_with_lease};
 use crate::clock;
 use crate::store::{DATABASE_FILE, Writer, back_up};
@@ -85,7 +85,7 @@ struct Entry {
 }
 
 /// Standing of tasks and attempts, by the names of their directories.
-struct Books {
+struct Standings {
     /// Whether the task has a result, by the first 16 digits of its key.
     settled: HashMap<String, bool>,
     /// Directories of attempts that are not over.
@@ -95,16 +95,16 @@ struct Books {
     results: HashMap<PathBuf, HashSet<String>>,
 }
 
-impl Books {
+impl Standings {
     async fn read(run_dir: &Path) -> Result<Self, EngineError> {
-        let world = World::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
-        let settled = world.tasks.iter().map(|(key, task)| {
+        let books = Books::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
+        let settled = books.tasks().iter().map(|(key, task)| {
             (
                 key.as_str()[..16].to_owned(),
                 matches!(task.state, Task::Published { .. }),
             )
         });
-        let results = world.tasks.iter().filter_map(|(key, task)| {
+        let results = books.tasks().iter().filter_map(|(key, task)| {
             let Task::Published { generation } = task.state else {
                 return None;
             };
@@ -119,8 +119,8 @@ impl Books {
                 .map(|artefact| artefact.file.clone());
             Some((PathBuf::from(attempt_directory(&attempt)), files.collect()))
         });
-        let in_use = world
-            .attempts
+        let in_use = books
+            .attempts()
             .values()
             .filter(|attempt| !attempt.state.is_final());
         Ok(Self {
@@ -187,7 +187,7 @@ fn walk(root: &Path, folder: &Path, found: &mut Vec<(PathBuf, u64)>) -> Result<(
     Ok(())
 }
 
-fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
+fn entries(run_dir: &Path, standings: &Standings) -> Result<Vec<Entry>, EngineError> {
     let mut files = vec![];
     walk(run_dir, run_dir, &mut files)?;
     files.sort();
@@ -204,12 +204,19 @@ fn entries(run_dir: &Path, books: &Books) -> Result<Vec<Entry>, EngineError> {
         let (class, standing) = if is_of_attempt {
             let named = artefacts.entry(attempt.clone()).or_insert_with(|| {
                 let mut named = artefacts_of(&run_dir.join(&attempt));
-                named.extend(books.results.get(&attempt).into_iter().flatten().cloned());
+                named.extend(
+                    standings
+                        .results
+                        .get(&attempt)
+                        .into_iter()
+                        .flatten()
+                        .cloned(),
+                );
                 named
             });
             (
                 classes::of_attempt(&inside, named),
-                books.standing(&attempt),
+                standings.standing(&attempt),
             )
         } else {
             (classes::of_run(&file), Standing::Foreign)
@@ -242,9 +249,9 @@ fn artefacts_of(attempt: &Path) -> HashSet<String> {
 /// # Errors
 /// [`EngineError`] if the store or a folder cannot be read.
 pub async fn disk_usage(run_dir: &Path) -> Result<DiskUsage, EngineError> {
-    let books = Books::read(run_dir).await?;
+    let standings = Standings::read(run_dir).await?;
     let mut usage = DiskUsage::default();
-    for entry in entries(run_dir, &books)? {
+    for entry in entries(run_dir, &standings)? {
         usage
             .classes
             .entry(entry.class)
@@ -276,9 +283,9 @@ pub async fn clean(
     } else {
         Some(enter_with_lease(run_dir)?)
     };
-    let books = Books::read(run_dir).await?;
+    let standings = Standings::read(run_dir).await?;
     let mut cleaned = Cleaned::default();
-    for entry in entries(run_dir, &books)? {
+    for entry in entries(run_dir, &standings)? {
         if !classes::is_removable(entry.class, entry.standing, with_series) {
             continue;
         }
@@ -320,7 +327,7 @@ pub async fn archive(
         return Err(EngineError::Request { message });
     }
     let _held = enter_with_lease(run_dir)?;
-    let books = Books::read(run_dir).await?;
+    let standings = Standings::read(run_dir).await?;
     let draft = target.with_file_name(format!(
         "{}.part",
         target.file_name().unwrap_or_default().to_string_lossy()
@@ -337,7 +344,7 @@ pub async fn archive(
         "{}  {DATABASE_FILE}\n",
         hash_of(&database).map_err(file_error("read", &database))?
     ));
-    for entry in entries(run_dir, &books)? {
+    for entry in entries(run_dir, &standings)? {
         let is_lock =
             entry.file == Path::new("coordinator.lock") || entry.file.starts_with("lease");
         if entry.class == Class::Database || is_lock {

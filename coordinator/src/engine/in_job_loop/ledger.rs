@@ -12,7 +12,7 @@ use cardiotwin_workflow::derivation::Settled;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
 use crate::dispatch::{self, Evidence};
-use crate::engine::world::{attempt_directory, settled};
+use crate::engine::books::{attempt_directory, settled};
 
 /// States and outcomes of tasks, as far as a driver knows them.
 #[derive(Debug, Default)]

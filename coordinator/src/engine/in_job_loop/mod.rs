@@ -24,10 +24,10 @@ use cardiotwin_schemas::ids::{AttemptId, PatientId};
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use tokio::signal::unix::{SignalKind, signal};
 
+use super::books::attempt_directory;
 use super::files_seen::FilesSeen;
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
-use super::world::attempt_directory;
 use super::{EngineError, StopLevel, StopSignal};
 use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};

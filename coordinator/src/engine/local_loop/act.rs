@@ -9,8 +9,8 @@ use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 
 use super::LocalLoop;
 use crate::dispatch::{DispatchError, Evidence, Executor, News, Order};
+use crate::engine::books::AttemptEntry;
 use crate::engine::watch::Tail;
-use crate::engine::world::AttemptEntry;
 use crate::engine::{EngineError, StopLevel, cores, overlay, requests};
 use crate::store::outbox::Action;
 
@@ -18,7 +18,7 @@ impl<E: Executor> LocalLoop<E> {
     /// Ends the workers that are hung, or that are in the way of a stop.
     pub(super) fn end_workers(&mut self) -> Result<(), EngineError> {
         for (attempt, by_force) in std::mem::take(&mut self.to_end) {
-            let directory = self.world.directory(&attempt);
+            let directory = self.books.directory(&attempt);
             self.executor.stop(&attempt, &directory, by_force)?;
         }
         Ok(())
@@ -33,8 +33,8 @@ impl<E: Executor> LocalLoop<E> {
     }
 
     pub(super) async fn work_off_outbox(&mut self) -> Result<(), EngineError> {
-        self.world.now_ms = self.surroundings.clock.now_ms();
-        for (id, action) in std::mem::take(&mut self.world.outbox) {
+        self.books.set_now_ms(self.surroundings.clock.now_ms());
+        for (id, action) in self.books.take_outbox() {
             // A stopping coordinator submits nothing new; the next run executes this action.
             if self.seen_stop > StopLevel::Run && matches!(action, Action::Submit { .. }) {
                 continue;
@@ -43,13 +43,13 @@ impl<E: Executor> LocalLoop<E> {
             match action {
                 Action::Submit { attempt } => self.submit(&attempt).await?,
                 Action::Stop { attempt } => {
-                    let directory = self.world.directory(&attempt);
+                    let directory = self.books.directory(&attempt);
                     if !self.executor.stop(&attempt, &directory, false)? {
                         // No process is left whose end would be reported.
                         self.stopped_unwatched.push(attempt);
                     }
                 }
-                Action::WriteOverlay { patient_id } => overlay::write_of(&self.world, patient_id)?,
+                Action::WriteOverlay { patient_id } => overlay::write_of(&self.books, patient_id)?,
                 // Left over from a time when this run's tasks were jobs of a cluster. The next tick
                 // on the cluster executes it.
                 Action::SubmitJob { .. } | Action::FenceJob { .. } | Action::CancelJob { .. } => {
@@ -57,7 +57,7 @@ impl<E: Executor> LocalLoop<E> {
                 }
             }
             self.surroundings.crash.pass("after an action")?;
-            self.world.action_done(id);
+            self.books.action_done(id);
         }
         Ok(())
     }
@@ -67,9 +67,9 @@ impl<E: Executor> LocalLoop<E> {
         // running.
         let wanted =
             |a: &AttemptEntry| !a.state.is_final() && !matches!(a.state, Attempt::Cancelling);
-        let wanted = self.world.attempts.get(attempt).is_some_and(wanted)
-            && !self.tails.contains_key(attempt);
-        let Some(task) = self.world.tasks.get(&attempt.task).filter(|_| wanted) else {
+        let wanted =
+            self.books.attempt(attempt).is_some_and(wanted) && !self.tails.contains_key(attempt);
+        let Some(task) = self.books.task(&attempt.task).filter(|_| wanted) else {
             return Ok(());
         };
         let task: TaskSpec = serde_json::from_str(&task.spec).map_err(|source| {
@@ -80,7 +80,7 @@ impl<E: Executor> LocalLoop<E> {
                 source,
             }
         })?;
-        let directory = self.world.directory(attempt);
+        let directory = self.books.directory(attempt);
         let spec = AttemptSpec {
             schema_version: formats::SPEC.version,
             attempt: attempt.clone(),
@@ -100,7 +100,7 @@ impl<E: Executor> LocalLoop<E> {
             Ok(id) => {
                 self.submitted += 1;
                 self.tails.insert(attempt.clone(), Tail::of(&directory));
-                self.world
+                self.books
                     .attempt_event(attempt, AttemptEvent::Accepted { id })
             }
             Err(error) if error.is_passing() => {

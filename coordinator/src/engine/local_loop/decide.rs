@@ -10,10 +10,10 @@ use cardiotwin_workflow::task::Task;
 
 use super::{Beginning, LocalLoop, Sight};
 use crate::dispatch::{Evidence, Executor, Found, News};
-use crate::engine::transitions::Circumstance;
+use crate::engine::books::AttemptEntry;
+use crate::engine::decider::Circumstance;
 use crate::engine::watch::Tail;
-use crate::engine::world::AttemptEntry;
-use crate::engine::{EngineError, EngineEvent, StopLevel, cores, requests};
+use crate::engine::{EngineError, EngineEvent, StopLevel, cores, requests, worker_identity};
 use crate::store::outbox::Action;
 
 /// Largest number of attempts begun in one commit, so that the first ones need not wait for the
@@ -27,29 +27,29 @@ impl<E: Executor> LocalLoop<E> {
         if seen.beginning.is_some() {
             // Waiters are registered first, because the end of an attempt that is found now
             // concerns them.
-            for i in 0..self.world.patients.len() {
-                self.world.await_present_task(i);
+            for i in 0..self.books.patients().len() {
+                self.books.await_present_task(i);
             }
         }
         for news in seen.news {
             self.take_news(news)?;
         }
-        let (told, applied) = requests::apply(&mut self.world, &mut self.decider, seen.requests)?;
-        self.decider.events.extend(told);
+        let (told, applied) = requests::apply(&mut self.books, &mut self.decider, seen.requests)?;
+        told.into_iter().for_each(|event| self.decider.tell(event));
         self.applied_requests.extend(applied);
         for (attempt, found) in seen.found {
             self.adopted += usize::from(self.take_found(&attempt, found)?);
         }
         for (attempt, found) in seen.stopped {
             // An attempt that is fenced and invisible from here can publish nothing.
-            if self.world.attempts.contains_key(&attempt) && !self.take_found(&attempt, found)? {
+            if self.books.attempts().contains_key(&attempt) && !self.take_found(&attempt, found)? {
                 self.forget(&attempt)?;
             }
         }
         if let Some(Beginning { decided_by }) = seen.beginning {
             let is_settled = |patient: &Patient| matches!(patient, Patient::Done);
             self.decider
-                .decide_all(&mut self.world, decided_by.as_ref(), is_settled)?;
+                .decide_all(&mut self.books, decided_by.as_ref(), is_settled)?;
         }
         for (attempt, progress) in seen.progress {
             self.tell_progress(&attempt, progress);
@@ -68,14 +68,14 @@ impl<E: Executor> LocalLoop<E> {
     /// Decides what depends on all decisions about patients.
     pub(super) fn conclude(&mut self) -> Result<(), EngineError> {
         if std::mem::take(&mut self.is_beginning) {
-            self.world.need_a_worker()?;
+            worker_identity::need(self.refused_worker.take(), &self.books)?;
             self.cancel_unwanted()?;
             let started = EngineEvent::Started {
-                patients: self.decider.of,
-                settled: self.decider.over,
+                patients: self.decider.of(),
+                settled: self.decider.over(),
                 adopted: self.adopted,
             };
-            self.decider.events.insert(0, started);
+            self.decider.tell_first(started);
         }
         self.begin_ready()
     }
@@ -84,13 +84,13 @@ impl<E: Executor> LocalLoop<E> {
         match news {
             News::Alive { attempt, claim } => {
                 let id = ExternalId(claim.pid.to_string());
-                self.world.claimed(&attempt, claim);
-                self.world
+                self.books.claimed(&attempt, claim);
+                self.books
                     .attempt_event(&attempt, AttemptEvent::Seen { id })
             }
             News::Vanished { attempt } => {
-                let since_ms = self.world.now_ms;
-                self.world
+                let since_ms = self.books.now_ms();
+                self.books
                     .attempt_event(&attempt, AttemptEvent::Vanished { since_ms })
             }
             News::Ended {
@@ -105,7 +105,7 @@ impl<E: Executor> LocalLoop<E> {
                     *reason = why;
                 }
                 if let Some(claim) = claim {
-                    self.world.claimed(&attempt, claim);
+                    self.books.claimed(&attempt, claim);
                 }
                 let circumstance = if self.leave_until.is_some() {
                     Circumstance::Excused
@@ -113,7 +113,7 @@ impl<E: Executor> LocalLoop<E> {
                     Circumstance::Watched
                 };
                 self.decider
-                    .attempt_ended(&mut self.world, &attempt, evidence, circumstance)
+                    .attempt_ended(&mut self.books, &attempt, evidence, circumstance)
             }
         }
     }
@@ -123,44 +123,49 @@ impl<E: Executor> LocalLoop<E> {
         match found {
             Found::Alive(claim) => {
                 let id = ExternalId(claim.pid.to_string());
-                self.world.claimed(attempt, claim);
-                self.world
+                self.books.claimed(attempt, claim);
+                self.books
                     .attempt_event(attempt, AttemptEvent::Seen { id })?;
-                let directory = self.world.directory(attempt);
+                let directory = self.books.directory(attempt);
                 self.tails.insert(attempt.clone(), Tail::of(&directory));
                 return Ok(true);
             }
             Found::Over { evidence, claim } => {
                 if let Some(claim) = claim {
-                    self.world.claimed(attempt, claim);
+                    self.books.claimed(attempt, claim);
                 }
                 self.decider.attempt_ended(
-                    &mut self.world,
+                    &mut self.books,
                     attempt,
                     evidence,
                     Circumstance::Excused,
                 )?;
             }
             Found::Elsewhere(claim) => {
-                self.world.claimed(attempt, claim);
-                let since_ms = self.world.now_ms;
-                self.world
+                self.books.claimed(attempt, claim);
+                let since_ms = self.books.now_ms();
+                self.books
                     .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
             }
             Found::BeingClaimed => {
-                let since_ms = self.world.now_ms;
-                self.world
+                let since_ms = self.books.now_ms();
+                self.books
                     .attempt_event(attempt, AttemptEvent::Vanished { since_ms })?;
             }
             // The attempt was decided on, perhaps even spawned, but not claimed. Submitting it
             // again is harmless, since only one process can claim it.
             Found::Unclaimed => {
                 let pending = |action: &Action| matches!(action, Action::Submit { attempt: a } if a == attempt);
-                let state = &self.world.attempts[attempt].state;
+                let state = &self.books.attempts()[attempt].state;
                 if matches!(state, Attempt::Cancelling) {
                     self.forget(attempt)?;
-                } else if !self.world.outbox.iter().any(|(_, action)| pending(action)) {
-                    self.world.put_action(Action::Submit {
+                } else if !self
+                    .books
+                    .outbox()
+                    .iter()
+                    .any(|(_, action)| pending(action))
+                {
+                    self.books.put_action(Action::Submit {
                         attempt: attempt.clone(),
                     });
                 }
@@ -177,16 +182,16 @@ impl<E: Executor> LocalLoop<E> {
             reason: "ended by the coordinator".into(),
         };
         self.decider
-            .attempt_ended(&mut self.world, attempt, evidence, Circumstance::Excused)
+            .attempt_ended(&mut self.books, attempt, evidence, Circumstance::Excused)
     }
 
     fn tell_progress(&mut self, attempt: &AttemptId, progress: Progress) {
-        let task = self.world.tasks.get(&attempt.task);
+        let task = self.books.task(&attempt.task);
         let Some(&i) = task.and_then(|task| task.waiters.first()) else {
             return;
         };
-        let row = &self.world.patients[i].row;
-        self.decider.events.push(EngineEvent::Progress {
+        let row = &self.books.patient(i).row;
+        self.decider.tell(EngineEvent::Progress {
             patient: PatientId(row.patient.clone()),
             step: row
                 .state
@@ -203,23 +208,22 @@ impl<E: Executor> LocalLoop<E> {
     /// coordinator ran.
     fn cancel_unwanted(&mut self) -> Result<(), EngineError> {
         let unwanted: Vec<AttemptId> = self
-            .world
-            .attempts
+            .books
+            .attempts()
             .iter()
             .filter(|(_, attempt)| {
                 !attempt.state.is_final() && !matches!(attempt.state, Attempt::Cancelling)
             })
             .filter(|(id, _)| {
-                self.world
-                    .tasks
-                    .get(&id.task)
+                self.books
+                    .task(&id.task)
                     .is_none_or(|task| task.waiters.is_empty())
             })
             .map(|(id, _)| id.clone())
             .collect();
         unwanted
             .iter()
-            .try_for_each(|id| self.world.attempt_event(id, AttemptEvent::Cancel))
+            .try_for_each(|id| self.books.attempt_event(id, AttemptEvent::Cancel))
     }
 
     /// Begins ready tasks as far as the executor has room.
@@ -231,43 +235,42 @@ impl<E: Executor> LocalLoop<E> {
         let waiting = |a: &&AttemptEntry| matches!(a.state, Attempt::Planned | Attempt::Submitting);
         let mut free = self
             .room
-            .saturating_sub(self.world.attempts.values().filter(waiting).count());
+            .saturating_sub(self.books.attempts().values().filter(waiting).count());
         free = free.min(LARGEST_GROUP);
         let active = self
-            .world
-            .attempts
+            .books
+            .attempts()
             .iter()
             .filter(|(_, attempt)| !attempt.state.is_final());
         let (mut others, mut alone) = (0, false);
         for (id, _) in active {
             others += 1;
             alone |= self
-                .world
-                .tasks
-                .get(&id.task)
+                .books
+                .task(&id.task)
                 .is_some_and(|task| cores::takes_all(&self.settings, task));
         }
         while free > 0 && !alone {
-            let Some((position, key)) = self.world.ready.pop_first() else {
+            let Some((position, key)) = self.books.pop_ready() else {
                 break;
             };
-            let task = &self.world.tasks[&key];
+            let task = &self.books.tasks()[&key];
             if !matches!(task.state, Task::Open { .. }) || task.waiters.is_empty() {
                 continue;
             }
             alone = cores::takes_all(&self.settings, task);
             if alone && others > 0 {
                 // No other task begins until all cores are free for this one.
-                self.world.ready.insert((position, key));
+                self.books.make_ready(position, key);
                 break;
             }
             others += 1;
             let waiters = task.waiters.clone();
-            let attempt = self.world.begin(&key)?;
+            let attempt = self.books.begin(&key)?;
             free -= 1;
             for i in waiters {
-                let row = &self.world.patients[i].row;
-                self.decider.events.push(EngineEvent::TaskStarted {
+                let row = &self.books.patient(i).row;
+                self.decider.tell(EngineEvent::TaskStarted {
                     patient: PatientId(row.patient.clone()),
                     step: row
                         .state

@@ -15,20 +15,20 @@ use cardiotwin_schemas::progress::Progress;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_workflow::attempt::Attempt;
 
+use super::books::Books;
+use super::decider::Decider;
 use super::files_seen::FilesSeen;
 use super::requests::Pending;
 use super::surroundings::Surroundings;
-use super::transitions::Decider;
 use super::turn::{self, Engine};
 use super::watch::Tail;
-use super::world::World;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal};
 use crate::dispatch::{Executor, Found, News};
 use crate::store::Writer;
 
 /// A run on this machine.
 pub struct LocalLoop<E> {
-    world: World,
+    books: Books,
     decider: Decider,
     writer: Writer,
     executor: E,
@@ -36,6 +36,8 @@ pub struct LocalLoop<E> {
     events: EventSender,
     stop: StopSignal,
     surroundings: Surroundings,
+    /// Refusal of a worker other than the run's. It is raised if a computation is needed.
+    refused_worker: Option<EngineError>,
     /// Whether the first decisions are still to be completed.
     is_beginning: bool,
     /// Number of attempts that outlived an earlier coordinator.
@@ -104,7 +106,8 @@ struct Beginning {
 impl<E: Executor> LocalLoop<E> {
     /// A run that is about to begin.
     pub fn new(
-        (writer, world, decider): (Writer, World, Decider),
+        (writer, books, decider): (Writer, Books, Decider),
+        refused_worker: Option<EngineError>,
         executor: E,
         settings: ExecutorSettings,
         surroundings: Surroundings,
@@ -112,7 +115,7 @@ impl<E: Executor> LocalLoop<E> {
         stop: StopSignal,
     ) -> Self {
         Self {
-            world,
+            books,
             decider,
             writer,
             executor,
@@ -120,6 +123,7 @@ impl<E: Executor> LocalLoop<E> {
             events,
             stop,
             surroundings,
+            refused_worker,
             is_beginning: true,
             adopted: 0,
             room: 0,
@@ -152,12 +156,12 @@ impl<E: Executor> LocalLoop<E> {
     fn summary(&self, wall: Duration) -> RunSummary {
         let mut summary = RunSummary {
             submitted: self.submitted,
-            published: self.decider.published,
+            published: self.decider.published(),
             stopped: self.seen_stop > StopLevel::Run,
             wall_s: wall.as_secs_f64(),
             ..RunSummary::default()
         };
-        summary.count(self.world.selected_states());
+        summary.count(self.books.selected_states());
         summary
     }
 
@@ -182,7 +186,7 @@ impl<E: Executor> Engine for LocalLoop<E> {
     fn decide(&mut self, seen: Seen) -> Result<Vec<PathBuf>, EngineError> {
         match seen {
             Seen::News(sight) => self.take_up(*sight)?,
-            Seen::Files(seen) => self.decider.answer(&mut self.world, seen)?,
+            Seen::Files(seen) => self.decider.answer(&mut self.books, seen)?,
         }
         let asked = self.decider.questions();
         if asked.is_empty() {
@@ -192,13 +196,13 @@ impl<E: Executor> Engine for LocalLoop<E> {
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {
-        let mut batch = self.world.flush();
+        let mut batch = self.books.flush();
         if !batch.is_empty() {
             self.surroundings.crash.pass("before a commit")?;
             self.writer.commit(&mut batch).await?;
             self.surroundings.crash.pass("after a commit")?;
         }
-        for event in self.decider.events.drain(..) {
+        for event in self.decider.take_events() {
             // There may be no receiver.
             let _ = self.events.send(event);
         }
@@ -220,13 +224,13 @@ impl<E: Executor> Engine for LocalLoop<E> {
         if has_left && self.leave_until.is_some_and(|until| self.at >= until) {
             return true;
         }
-        let runs = self.world.attempts.values().any(|a| {
+        let runs = self.books.attempts().values().any(|a| {
             // The attempt was not submitted when the stop came, so it waits for the next run.
             !(stopping && matches!(a.state, Attempt::Planned | Attempt::Submitting))
         });
-        let can_begin = !stopping && !self.world.ready.is_empty();
+        let can_begin = !stopping && !self.books.ready().is_empty();
         // A run that has left executes no further actions; the next run does.
-        let can_act = !has_left && (!self.world.outbox.is_empty() || self.has_effects());
+        let can_act = !has_left && (!self.books.outbox().is_empty() || self.has_effects());
         !runs && !can_begin && !can_act
     }
 }

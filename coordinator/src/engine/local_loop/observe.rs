@@ -22,9 +22,9 @@ impl<E: Executor> LocalLoop<E> {
     /// Examines the attempts of an earlier coordinator.
     pub(super) async fn look_back(&mut self) -> Result<Sight, EngineError> {
         let decided_by = self.writer.meta().await?.remove(DECIDED_BY);
-        let attempts = self.world.attempts.keys().cloned().collect();
+        let attempts = self.books.attempts().keys().cloned().collect();
         let found = self.examine(attempts)?;
-        let requests = requests::pending(&self.world.run_dir)?;
+        let requests = requests::pending(self.books.run_dir())?;
         Ok(Sight {
             beginning: Some(Beginning { decided_by }),
             found,
@@ -42,7 +42,7 @@ impl<E: Executor> LocalLoop<E> {
             () = self.stop.raised_above(self.heard_stop) => Vec::new(),
             () = tokio::time::sleep(patience) => Vec::new(),
         };
-        self.world.now_ms = self.surroundings.clock.now_ms();
+        self.books.set_now_ms(self.surroundings.clock.now_ms());
         if self.seen_stop < StopLevel::Now {
             news.iter().try_for_each(|news| self.check_space(news))?;
         }
@@ -62,7 +62,7 @@ impl<E: Executor> LocalLoop<E> {
 
     /// How long to wait for news.
     fn patience(&self) -> Duration {
-        let can_act = self.seen_stop < StopLevel::Now && !self.world.outbox.is_empty();
+        let can_act = self.seen_stop < StopLevel::Now && !self.books.outbox().is_empty();
         if self.has_effects() || can_act {
             return Duration::ZERO;
         }
@@ -92,7 +92,7 @@ impl<E: Executor> LocalLoop<E> {
     /// Checks everything that sends no news: requests, progress, hung workers, attempts out of
     /// sight.
     fn look_around(&mut self, seen: &mut Sight) -> Result<(), EngineError> {
-        seen.requests = requests::pending(&self.world.run_dir)?;
+        seen.requests = requests::pending(self.books.run_dir())?;
         let timeout_s = self.settings.hang_timeout_s;
         for (attempt, tail) in &mut self.tails {
             if let Some(progress) = tail.next() {
@@ -105,7 +105,7 @@ impl<E: Executor> LocalLoop<E> {
                 seen.hung.push(attempt.clone());
             }
         }
-        let attempts = self.world.attempts.iter();
+        let attempts = self.books.attempts().iter();
         let unseen = attempts.filter(|(_, a)| matches!(a.state, Attempt::Unknown { .. }));
         let unseen = unseen.map(|(id, _)| id.clone()).collect();
         seen.found = self.examine(unseen)?;
@@ -119,8 +119,8 @@ impl<E: Executor> LocalLoop<E> {
     ) -> Result<Vec<(AttemptId, Found)>, EngineError> {
         let mut all = Vec::with_capacity(attempts.len());
         for attempt in attempts {
-            if self.world.attempts.contains_key(&attempt) {
-                let directory = self.world.directory(&attempt);
+            if self.books.attempts().contains_key(&attempt) {
+                let directory = self.books.directory(&attempt);
                 let found = self.executor.adopt(&attempt, &directory)?;
                 all.push((attempt, found));
             }
@@ -142,7 +142,7 @@ impl<E: Executor> LocalLoop<E> {
         if !is_of_site {
             return Ok(());
         }
-        let path = self.world.run_dir.clone();
+        let path = self.books.run_dir().to_owned();
         let Ok(space) = rustix::fs::statvfs(&path) else {
             return Ok(());
         };

@@ -17,11 +17,11 @@ impl<E: Executor> LocalLoop<E> {
     pub(super) fn take_stop(&mut self, level: StopLevel) {
         let at = self.at;
         self.heard_stop = level;
-        let running = self.world.attempts.len();
+        let running = self.books.attempts().len();
         if level > self.seen_stop && self.seen_stop == StopLevel::Run {
             self.seen_stop = StopLevel::Soon;
             self.drain_until = Some(at + DRAIN);
-            self.decider.events.push(EngineEvent::Stopping {
+            self.decider.tell(EngineEvent::Stopping {
                 running,
                 draining: level == StopLevel::Soon,
             });
@@ -31,7 +31,7 @@ impl<E: Executor> LocalLoop<E> {
             && self.seen_stop == StopLevel::Soon
             && (level == StopLevel::Now || is_drained)
         {
-            self.decider.events.push(EngineEvent::Stopping {
+            self.decider.tell(EngineEvent::Stopping {
                 running,
                 draining: false,
             });
@@ -46,7 +46,7 @@ impl<E: Executor> LocalLoop<E> {
     }
 
     fn end_all(&mut self, by_force: bool) {
-        let attempts = self.world.attempts.keys();
+        let attempts = self.books.attempts().keys();
         self.to_end
             .extend(attempts.map(|attempt| (attempt.clone(), by_force)));
     }

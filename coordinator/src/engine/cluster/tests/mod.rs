@@ -11,7 +11,7 @@ mod revoked;
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::failure::{FailureClass, SiteCause};
+use cardiotwin_schemas::failure::{FailureCause, FailureClass};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_slurm::model::{Behaviour, Fault, Limits, Settings};
@@ -197,7 +197,10 @@ async fn a_full_queue_is_waited_for_and_told() {
 /// charged, and endless repeats are stopped.
 #[tokio::test]
 async fn what_follows_from_a_failure_is_bounded_and_named() {
-    for (signal, cause) in [(125, SiteCause::OutOfMemory), (9, SiteCause::Unexplained)] {
+    for (signal, cause) in [
+        (125, FailureCause::OutOfMemory),
+        (9, FailureCause::Unexplained),
+    ] {
         let settings = Settings {
             behaviour: Behaviour {
                 seconds: 10,

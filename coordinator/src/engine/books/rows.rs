@@ -32,8 +32,8 @@ pub struct PatientEntry {
     /// Whether this run works on the patient.
     pub selected: bool,
     pub(super) stored: bool,
-    pub chain_changed: bool,
-    pub plan_changed: bool,
+    pub(super) chain_changed: bool,
+    pub(super) plan_changed: bool,
 }
 
 /// A task with the outcome that settled it.
@@ -67,7 +67,7 @@ pub struct AttemptEntry {
 }
 
 impl TaskEntry {
-    pub(super) fn outcome(&self) -> Option<&TaskOutcome> {
+    pub fn outcome(&self) -> Option<&TaskOutcome> {
         self.outcome
             .get_or_init(|| {
                 self.outcome_text

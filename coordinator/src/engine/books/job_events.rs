@@ -7,12 +7,12 @@ use cardiotwin_workflow::cluster_job::{ClusterJob, Element, JobAction, JobEvent}
 use cardiotwin_workflow::task::Task;
 use serde_json::json;
 
-use super::EngineError;
-use super::world::World;
+use super::Books;
+use crate::engine::EngineError;
 use crate::store::cluster_jobs::{Allotment, JobRow, JobSpec, SeenElement};
 use crate::store::outbox::Action;
 
-impl World {
+impl Books {
     /// Adds a job, whose name must be committed before the scheduler receives it.
     pub fn intend_job(&mut self, name: String, spec: JobSpec) {
         let n_elements = spec.elements.len();
@@ -116,7 +116,7 @@ impl World {
         }
     }
 
-    /// Begins an attempt that a job has begun already: as [`World::begin`], without a submission.
+    /// Begins an attempt that a job has begun already: as [`Books::begin`], without a submission.
     pub fn begin_found(
         &mut self,
         key: &TaskKey,

@@ -1,9 +1,6 @@
 //! Decisions on the in-memory mirror: a patient's next task, the consequences of an attempt's end,
 //! the effects of a request.
 
-use std::collections::HashSet;
-use std::path::PathBuf;
-
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
@@ -15,73 +12,27 @@ use cardiotwin_workflow::judge::judge;
 use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
-use super::files_seen::FilesSeen;
-use super::program_identity::{self, DECIDED_BY};
 use super::purged::Inputs;
-use super::world::World;
-use super::{EngineError, EngineEvent, PatientEnding, settings};
+use super::{Circumstance, Decider};
 use crate::dispatch::Evidence;
+use crate::engine::books::{Books, TaskEntry};
+use crate::engine::program_identity::{self, DECIDED_BY};
+use crate::engine::{EngineError, EngineEvent, PatientEnding, settings};
 use crate::store::outbox::Action;
 use crate::store::patients::PlanRow;
 
-/// Circumstance by which a missing outcome is judged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Circumstance {
-    /// The worker ended while this coordinator watched it.
-    Watched,
-    /// The worker was ended by the coordinator, or found dead at a restart.
-    Excused,
-}
-
-/// Decides, and collects events to be sent after the commit.
-#[derive(Debug, Default)]
-pub struct Decider {
-    /// Events to be sent after the commit.
-    pub events: Vec<EngineEvent>,
-    /// Number of patients that are over, among those worked on.
-    pub over: usize,
-    /// Number of patients worked on.
-    pub of: usize,
-    /// Number of tasks published.
-    pub published: u64,
-    /// Number of site failures of a task that are forgiven.
-    pub site_retries: u32,
-    /// Published tasks that were reopened because their files were gone.
-    pub remade: HashSet<TaskKey>,
-    /// Files that were looked for since the last decision was complete.
-    files: FilesSeen,
-    /// Files about which decisions ask.
-    asked: Vec<PathBuf>,
-    /// Patients whose decisions wait for these files, each with the step that was published.
-    undecided: Vec<(usize, Option<Step>)>,
-}
-
 impl Decider {
-    /// A decider that forgives so many site failures of a task.
-    pub fn new(site_retries: u32) -> Self {
-        Self {
-            site_retries,
-            ..Self::default()
-        }
-    }
-
-    /// Counts the patients that are worked on.
-    pub fn count(&mut self, world: &World) {
-        self.of = world.selected_states().count();
-        self.over = world.selected_states().filter(|s| s.is_final()).count();
-    }
-
     /// Takes up the cohort's plans: new patients, changed inputs or settings, removed patients.
     pub fn take_up(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         plans: &[ResolvedPatient],
     ) -> Result<(), EngineError> {
-        let mut present = vec![false; world.patients.len()];
+        let mut present = vec![false; books.patients().len()];
         for (position, given) in plans.iter().enumerate() {
             let position = position as i64;
             let text = serde_json::to_string(given).expect("a plan is JSON");
-            let Some(&i) = world.by_name.get(given.id.as_str()) else {
+            let Some(i) = books.by_name(given.id.as_str()) else {
                 let row = PlanRow {
                     patient_id: 0,
                     given: text,
@@ -89,26 +40,21 @@ impl Decider {
                     carried: "[]".into(),
                     plan: None,
                 };
-                world.add_patient(given.id.as_str(), position, row, given.clone());
+                books.add_patient(given.id.as_str(), position, row, given.clone());
                 continue;
             };
             if let Some(present) = present.get_mut(i) {
                 *present = true;
             }
-            let patient = &mut world.patients[i];
-            if patient.row.position != position || !patient.row.active {
-                patient.row.position = position;
-                patient.row.active = true;
-                world.touch(i);
-            }
-            if world.patients[i].plan_row.given != text {
-                let overrides = self.overrides(world, i)?;
+            books.enrol(i, position);
+            if books.patient(i).plan_row.given != text {
+                let overrides = self.overrides(books, i)?;
                 // Plans are parsed from their rows on first use. Parse the old plan now, before the
                 // row is overwritten.
-                let _ = world.plan(i);
-                world.patients[i].plan_row.given = text;
+                let _ = books.plan(i);
+                books.set_given(i, text);
                 self.replan(
-                    world,
+                    books,
                     i,
                     given,
                     &overrides,
@@ -118,16 +64,15 @@ impl Decider {
             }
         }
         for (i, present) in present.into_iter().enumerate() {
-            if !present && world.patients[i].row.active {
-                world.patients[i].row.active = false;
-                world.touch(i);
+            if !present {
+                books.retire(i);
             }
         }
         Ok(())
     }
 
-    pub(super) fn overrides(&self, world: &World, i: usize) -> Result<SettingsLayer, EngineError> {
-        let patient = &world.patients[i];
+    pub(super) fn overrides(&self, books: &Books, i: usize) -> Result<SettingsLayer, EngineError> {
+        let patient = books.patient(i);
         serde_json::from_str(&patient.plan_row.overrides).map_err(|source| EngineError::Plan {
             patient: patient.row.patient.clone(),
             source,
@@ -138,7 +83,7 @@ impl Decider {
     /// decided anew.
     pub(super) fn replan(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         i: usize,
         given: &ResolvedPatient,
         overrides: &SettingsLayer,
@@ -148,15 +93,15 @@ impl Decider {
         let plan = settings::plan(given, overrides).map_err(|error| EngineError::Request {
             message: format!("settings of {}: {error}", given.id),
         })?;
-        let same = world
+        let same = books
             .plan(i)
             .is_ok_and(|old| settings::same_tasks(old, &plan));
         let text = || serde_json::to_string(&plan).expect("a plan is JSON");
-        world.patients[i].plan_row.plan = (*overrides != SettingsLayer::default()).then(text);
-        world.set_plan(i, plan);
+        let stored = (*overrides != SettingsLayer::default()).then(text);
+        books.set_plan(i, plan, stored);
         if force || !same {
-            world.plan_changed(i);
-            world.patient_event(
+            books.plan_changed(i);
+            books.patient_event(
                 i,
                 PatientEvent::Replan {
                     reason: reason.to_owned(),
@@ -172,87 +117,46 @@ impl Decider {
     /// - `is_settled`: whether a patient needs no new decision by the same program
     pub fn decide_all(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         program: Option<&String>,
         is_settled: impl Fn(&Patient) -> bool,
     ) -> Result<(), EngineError> {
         let is_the_same = program_identity::is_this_program(program);
-        for i in 0..world.patients.len() {
-            if !(is_the_same && is_settled(&world.patients[i].row.state)) {
-                self.decide(world, i)?;
+        for i in 0..books.patients().len() {
+            if !(is_the_same && is_settled(&books.patient(i).row.state)) {
+                self.decide(books, i)?;
             }
         }
         // Patients that are not selected were not decided, so the identity is stored only after a
         // run of the whole cohort.
-        if !is_the_same && world.patients.iter().all(|p| p.selected || !p.row.active) {
-            world.put_meta(DECIDED_BY, program_identity::of_this_program());
+        if !is_the_same && books.patients().iter().all(|p| p.selected || !p.row.active) {
+            books.put_meta(DECIDED_BY, program_identity::of_this_program());
         }
         Ok(())
     }
 
     /// Derives a patient's chain and requests the task that it needs next. The decision waits if it
     /// has to know whether files exist ([`Decider::questions`]).
-    pub fn decide(&mut self, world: &mut World, i: usize) -> Result<(), EngineError> {
-        self.decide_after(world, i, None)
-    }
-
-    /// Files that have to be looked for before the decisions are complete; none when they are.
-    pub fn questions(&mut self) -> Vec<PathBuf> {
-        if self.undecided.is_empty() {
-            // Files may come and go: the next decision looks for them anew.
-            self.files = FilesSeen::default();
-        }
-        std::mem::take(&mut self.asked)
-    }
-
-    /// Makes the decisions that waited for files. They may ask for further ones.
-    pub fn answer(&mut self, world: &mut World, seen: FilesSeen) -> Result<(), EngineError> {
-        self.files.extend(seen);
-        for (i, published) in std::mem::take(&mut self.undecided) {
-            self.decide_after(world, i, published)?;
-        }
-        Ok(())
-    }
-
-    /// Looks for files until the decisions are complete, for callers that may read.
-    pub fn look_and_answer(&mut self, world: &mut World) -> Result<(), EngineError> {
-        loop {
-            let asked = self.questions();
-            if asked.is_empty() {
-                return Ok(());
-            }
-            self.answer(world, FilesSeen::look(asked))?;
-        }
-    }
-
-    /// Which of these files are missing; `None`, and a question, if that is not known.
-    pub(super) fn missing(&mut self, paths: Vec<PathBuf>) -> Option<Vec<PathBuf>> {
-        let is_unseen = |path: &&PathBuf| self.files.exists(path).is_none();
-        let unseen: Vec<PathBuf> = paths.iter().filter(is_unseen).cloned().collect();
-        if !unseen.is_empty() {
-            self.asked.extend(unseen);
-            return None;
-        }
-        let is_missing = |path: &PathBuf| self.files.exists(path) == Some(false);
-        Some(paths.into_iter().filter(is_missing).collect())
+    pub fn decide(&mut self, books: &mut Books, i: usize) -> Result<(), EngineError> {
+        self.decide_after(books, i, None)
     }
 
     /// Decides for a patient and reports the step that was published, now or when its files were
     /// looked for.
-    fn decide_after(
+    pub(super) fn decide_after(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         i: usize,
         published: Option<Step>,
     ) -> Result<(), EngineError> {
         let at = self.events.len();
-        if !self.try_to_decide(world, i)? {
+        if !self.try_to_decide(books, i)? {
             self.undecided.push((i, published));
             return Ok(());
         }
         if let Some(step) = published {
-            let patient = PatientId(world.patients[i].row.patient.clone());
-            let note = note(world, i, step);
+            let patient = PatientId(books.patient(i).row.patient.clone());
+            let note = note(books, i, step);
             let step = step.to_string();
             let event = EngineEvent::TaskPublished {
                 patient,
@@ -266,17 +170,17 @@ impl Decider {
 
     /// Returns false, and changes nothing, if it is not known whether the files exist that the next
     /// task reads.
-    fn try_to_decide(&mut self, world: &mut World, i: usize) -> Result<bool, EngineError> {
-        if !world.patients[i].selected
-            || matches!(world.patients[i].row.state, Patient::Cancelled { .. })
+    fn try_to_decide(&mut self, books: &mut Books, i: usize) -> Result<bool, EngineError> {
+        if !books.patient(i).selected
+            || matches!(books.patient(i).row.state, Patient::Cancelled { .. })
         {
             return Ok(true);
         }
         let evaluation = loop {
-            let patient = &world.patients[i];
+            let patient = books.patient(i);
             let evaluation =
-                derivation::evaluate(world.plan(i)?, &patient.carried, &|key| world.settled(key));
-            match self.open_purged(world, i, &evaluation.next)? {
+                derivation::evaluate(books.plan(i)?, &patient.carried, &|key| books.settled(key));
+            match self.open_purged(books, i, &evaluation.next)? {
                 Inputs::Settled => break evaluation,
                 // Each pass reopens published tasks, each at most once, so the loop ends.
                 Inputs::Reopened => {}
@@ -289,9 +193,9 @@ impl Decider {
             .map(|(step, key)| (step, key.clone()))
             .collect();
         for (step, key) in links {
-            world.link(i, step, &key);
+            books.link(i, step, &key);
         }
-        let patient = &mut world.patients[i];
+        let patient = books.patient(i);
         let id = PatientId(patient.row.patient.clone());
         if patient.chain != evaluation.chain {
             if let Some(summary) = evaluation
@@ -305,17 +209,15 @@ impl Decider {
                     summary: summary.clone(),
                 });
             }
-            patient.chain = evaluation.chain;
-            patient.chain_changed = true;
-            world.touch(i);
+            books.set_chain(i, evaluation.chain);
         }
-        self.align(world, i, &evaluation.next)?;
+        self.align(books, i, &evaluation.next)?;
         match evaluation.next {
             Next::Run { step, key, spec } => {
-                world.add_task(&key, &spec);
-                world.link(i, step, &key);
-                if !matches!(world.patients[i].row.state, Patient::Working { .. }) {
-                    world.patient_event(
+                books.add_task(&key, &spec);
+                books.link(i, step, &key);
+                if !matches!(books.patient(i).row.state, Patient::Working { .. }) {
+                    books.patient_event(
                         i,
                         PatientEvent::Want {
                             step,
@@ -323,12 +225,12 @@ impl Decider {
                         },
                     )?;
                 }
-                wait_for(world, i, &key);
+                wait_for(books, i, &key);
             }
-            Next::Finished => self.end(world, i, PatientEvent::Finish, PatientEnding::Done)?,
+            Next::Finished => self.end(books, i, PatientEvent::Finish, PatientEnding::Done)?,
             Next::Failed { step, failure } => {
                 let ending = PatientEnding::Failed(failure.clone());
-                self.end(world, i, PatientEvent::Fail { step, failure }, ending)?;
+                self.end(books, i, PatientEvent::Fail { step, failure }, ending)?;
             }
         }
         Ok(true)
@@ -336,19 +238,18 @@ impl Decider {
 
     /// Replaces a stored state that the derivation does not confirm, because another version
     /// decides differently or a shared task was tried again.
-    fn align(&mut self, world: &mut World, i: usize, next: &Next) -> Result<(), EngineError> {
-        let settled = match &world.patients[i].row.state {
-            Patient::Working { task, .. } => world
-                .tasks
-                .get(task)
+    fn align(&mut self, books: &mut Books, i: usize, next: &Next) -> Result<(), EngineError> {
+        let settled = match &books.patient(i).row.state {
+            Patient::Working { task, .. } => books
+                .task(task)
                 .is_some_and(|t| t.state.is_final())
                 .then(|| task.clone()),
             _ => None,
         };
         if let Some(task) = settled {
-            world.patient_event(i, PatientEvent::TaskSettled { task })?;
+            books.patient_event(i, PatientEvent::TaskSettled { task })?;
         }
-        let fits = match (&world.patients[i].row.state, next) {
+        let fits = match (&books.patient(i).row.state, next) {
             (Patient::Waiting, _) => true,
             (
                 Patient::Working { step, task },
@@ -368,8 +269,8 @@ impl Decider {
             _ => false,
         };
         if !fits {
-            self.reopen(world, i);
-            world.patient_event(
+            self.reopen(books, i);
+            books.patient_event(
                 i,
                 PatientEvent::Replan {
                     reason: "the chain is recomputed".into(),
@@ -381,27 +282,27 @@ impl Decider {
 
     fn end(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         i: usize,
         event: PatientEvent,
         ending: PatientEnding,
     ) -> Result<(), EngineError> {
-        if world.patients[i].row.state.is_final() {
+        if books.patient(i).row.state.is_final() {
             return Ok(());
         }
-        world.patient_event(i, event)?;
-        if world.plan(i)?.workflow == Workflow::Personalise {
-            world.put_action(Action::WriteOverlay {
-                patient_id: world.patients[i].row.id,
+        books.patient_event(i, event)?;
+        if books.plan(i)?.workflow == Workflow::Personalise {
+            books.put_action(Action::WriteOverlay {
+                patient_id: books.patient(i).row.id,
             });
         }
-        self.ended(world, i, ending);
+        self.ended(books, i, ending);
         Ok(())
     }
 
-    pub(super) fn ended(&mut self, world: &World, i: usize, ending: PatientEnding) {
+    pub(super) fn ended(&mut self, books: &Books, i: usize, ending: PatientEnding) {
         self.over += 1;
-        let patient = PatientId(world.patients[i].row.patient.clone());
+        let patient = PatientId(books.patient(i).row.patient.clone());
         self.events.push(EngineEvent::PatientEnded {
             patient,
             ending,
@@ -413,12 +314,12 @@ impl Decider {
     /// Judges the evidence of an attempt's end and updates its task and the waiting patients.
     pub fn attempt_ended(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         attempt: &AttemptId,
         evidence: Evidence,
         circumstance: Circumstance,
     ) -> Result<(), EngineError> {
-        let Some(task) = world.tasks.get(&attempt.task) else {
+        let Some(task) = books.task(&attempt.task) else {
             return Ok(());
         };
         let (how, outcome) = match evidence {
@@ -448,7 +349,7 @@ impl Decider {
             how => how,
         };
         self.attempt_over(
-            world,
+            books,
             attempt,
             how,
             outcome.map(|(outcome, text)| (*outcome, text)),
@@ -459,33 +360,33 @@ impl Decider {
     /// Enters the judged end of an attempt for its task and the waiting patients.
     pub fn attempt_over(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         attempt: &AttemptId,
         how: AttemptEnding,
         outcome: Option<(TaskOutcome, String)>,
         site_retries: u32,
     ) -> Result<(), EngineError> {
-        let Some(task) = world.tasks.get(&attempt.task) else {
+        let Some(task) = books.task(&attempt.task) else {
             return Ok(());
         };
         // Late news of an older generation, or of an attempt that is over, changes nothing.
         let current = matches!(task.state, Task::Attempting { generation, .. } if generation == attempt.generation);
-        world.attempt_event(attempt, AttemptEvent::Ended { how: how.clone() })?;
+        books.attempt_event(attempt, AttemptEvent::Ended { how: how.clone() })?;
         if !current {
             return Ok(());
         }
         // The attempt's machine may have changed the ending: an attempt that was being cancelled is
         // not lost.
-        let how = match world.attempts.get(attempt).map(|a| &a.state) {
+        let how = match books.attempt(attempt).map(|a| &a.state) {
             Some(Attempt::Done { how }) => how.clone(),
             _ => how,
         };
         let settles = matches!(how, AttemptEnding::Succeeded | AttemptEnding::Failed { .. });
         if let Some((outcome, text)) = outcome.filter(|_| settles) {
-            world.keep_outcome(&attempt.task, outcome, text);
+            books.keep_outcome(&attempt.task, outcome, text);
         }
         let generation = attempt.generation;
-        world.task_event(
+        books.task_event(
             &attempt.task,
             TaskEvent::Ended {
                 generation,
@@ -493,22 +394,23 @@ impl Decider {
                 site_retries,
             },
         )?;
-        self.task_moved(world, attempt, &how)
+        self.task_moved(books, attempt, &how)
     }
 
     fn task_moved(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         attempt: &AttemptId,
         how: &AttemptEnding,
     ) -> Result<(), EngineError> {
-        let task = &world.tasks[&attempt.task];
+        let task = &books.tasks()[&attempt.task];
         let settled = task.state.is_final();
         let published = matches!(task.state, Task::Published { .. });
         let waiters = task.waiters.clone();
         for &i in &waiters {
-            let patient = PatientId(world.patients[i].row.patient.clone());
-            let step = world.patients[i]
+            let patient = PatientId(books.patient(i).row.patient.clone());
+            let step = books
+                .patient(i)
                 .row
                 .state
                 .step()
@@ -525,58 +427,50 @@ impl Decider {
             }
         }
         if !settled {
-            waiters
-                .iter()
-                .filter(|i| world.patients[**i].selected)
-                .for_each(|&i| {
-                    world
-                        .ready
-                        .insert((world.patients[i].row.position, attempt.task.clone()));
-                });
+            for i in waiters {
+                if books.patient(i).selected {
+                    let position = books.patient(i).row.position;
+                    books.make_ready(position, attempt.task.clone());
+                }
+            }
             return Ok(());
         }
         self.published += u64::from(published);
-        if let Some(task) = world.tasks.get_mut(&attempt.task) {
-            task.waiters.clear();
-        }
+        books.clear_waiters(&attempt.task);
         for i in waiters {
-            let step = world.patients[i].row.state.step();
-            world.patient_event(
+            let step = books.patient(i).row.state.step();
+            books.patient_event(
                 i,
                 PatientEvent::TaskSettled {
                     task: attempt.task.clone(),
                 },
             )?;
-            self.decide_after(world, i, step.filter(|_| published))?;
+            self.decide_after(books, i, step.filter(|_| published))?;
         }
         Ok(())
     }
 
     /// Counts a patient that was over as unfinished again.
-    pub(super) fn reopen(&mut self, world: &World, i: usize) {
-        if world.patients[i].selected && world.patients[i].row.state.is_final() {
+    pub(super) fn reopen(&mut self, books: &Books, i: usize) {
+        if books.patient(i).selected && books.patient(i).row.state.is_final() {
             self.over -= 1;
         }
     }
 }
 
 /// Registers a patient as waiting for a task, and marks an open task as ready.
-fn wait_for(world: &mut World, i: usize, key: &TaskKey) {
-    let position = world.patients[i].row.position;
-    let Some(task) = world.tasks.get_mut(key) else {
-        return;
-    };
-    if !task.waiters.contains(&i) {
-        task.waiters.push(i);
-    }
-    if matches!(task.state, Task::Open { .. }) {
-        world.ready.insert((position, key.clone()));
+fn wait_for(books: &mut Books, i: usize, key: &TaskKey) {
+    books.add_waiter(key, i);
+    let is_open = |task: &TaskEntry| matches!(task.state, Task::Open { .. });
+    if books.tasks().get(key).is_some_and(is_open) {
+        let position = books.patient(i).row.position;
+        books.make_ready(position, key.clone());
     }
 }
 
 /// Result of a published step in a few words, for a person.
-fn note(world: &World, i: usize, step: Step) -> String {
-    let chain = &world.patients[i].chain;
+fn note(books: &Books, i: usize, step: Step) -> String {
+    let chain = &books.patient(i).chain;
     match step.stage {
         Stage::Step1 => match chain
             .iterations

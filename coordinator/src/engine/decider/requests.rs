@@ -7,16 +7,16 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
-use super::requests::Request;
-use super::transitions::Decider;
-use super::world::World;
-use super::{EngineError, PatientEnding, settings};
+use super::Decider;
+use crate::engine::books::Books;
+use crate::engine::requests::Request;
+use crate::engine::{EngineError, PatientEnding, settings};
 
 impl Decider {
     /// Applies a requested change. Returns one line for each effect, for a person.
     pub fn request(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         request: &Request,
     ) -> Result<Vec<String>, EngineError> {
         match request {
@@ -25,30 +25,30 @@ impl Decider {
                 from,
                 overrides,
             } => {
-                let i = find(world, patient)?;
-                self.rerun(world, i, *from, overrides)
+                let i = find(books, patient)?;
+                self.rerun(books, i, *from, overrides)
             }
             Request::Retry { patient } => {
-                let i = find(world, patient)?;
-                self.retry(world, i)
+                let i = find(books, patient)?;
+                self.retry(books, i)
             }
             Request::Cancel {
                 patient: Some(patient),
             } => {
-                let i = find(world, patient)?;
-                if world.patients[i].row.state.is_final() {
-                    let state = world.patients[i].row.state.word();
+                let i = find(books, patient)?;
+                if books.patient(i).row.state.is_final() {
+                    let state = books.patient(i).row.state.word();
                     return Err(EngineError::Request {
                         message: format!("{patient} is {state}: nothing to cancel"),
                     });
                 }
-                self.cancel(world, i)
+                self.cancel(books, i)
             }
             Request::Cancel { patient: None } => {
                 let mut changes = Vec::new();
-                for i in 0..world.patients.len() {
-                    if world.patients[i].row.active && !world.patients[i].row.state.is_final() {
-                        changes.extend(self.cancel(world, i)?);
+                for i in 0..books.patients().len() {
+                    if books.patient(i).row.active && !books.patient(i).row.state.is_final() {
+                        changes.extend(self.cancel(books, i)?);
                     }
                 }
                 Ok(changes)
@@ -56,30 +56,31 @@ impl Decider {
         }
     }
 
-    fn cancel(&mut self, world: &mut World, i: usize) -> Result<Vec<String>, EngineError> {
-        let at = world.patients[i]
+    fn cancel(&mut self, books: &mut Books, i: usize) -> Result<Vec<String>, EngineError> {
+        let at = books
+            .patient(i)
             .row
             .state
             .step()
             .map_or_else(String::new, |step| format!(" at {step}"));
-        world.patient_event(i, PatientEvent::Cancel)?;
-        if world.patients[i].selected {
-            self.ended(world, i, PatientEnding::Cancelled);
+        books.patient_event(i, PatientEvent::Cancel)?;
+        if books.patient(i).selected {
+            self.ended(books, i, PatientEnding::Cancelled);
         }
         Ok(vec![format!(
             "{} cancelled{at}",
-            world.patients[i].row.patient
+            books.patient(i).row.patient
         )])
     }
 
     fn rerun(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         i: usize,
         from: Stage,
         overrides: &SettingsLayer,
     ) -> Result<Vec<String>, EngineError> {
-        let name = world.patients[i].row.patient.clone();
+        let name = books.patient(i).row.patient.clone();
         let bad = |message: String| EngineError::Request { message };
         let unread = |source| EngineError::Plan {
             patient: name.clone(),
@@ -91,22 +92,23 @@ impl Decider {
                  instead"
             )));
         }
-        let layer = settings::merged(&self.overrides(world, i)?, overrides).map_err(unread)?;
+        let layer = settings::merged(&self.overrides(books, i)?, overrides).map_err(unread)?;
         let given: ResolvedPatient =
-            serde_json::from_str(&world.patients[i].plan_row.given).map_err(unread)?;
+            serde_json::from_str(&books.patient(i).plan_row.given).map_err(unread)?;
         let plan = settings::plan(&given, &layer)
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
         fixed_point::validate(&plan.settings.step1_resolved())
             .map_err(|error| bad(format!("settings of {name}: {error}")))?;
         let mut changes = Vec::new();
-        let patient = &mut world.patients[i];
+        let patient = books.patient(i);
         let n = patient.chain.iterations.len();
+        let mut carried = patient.carried.clone();
         match from {
-            Stage::Step0 => patient.carried.clear(),
+            Stage::Step0 => carried.clear(),
             // Step 1 continues from its stored iterations without repeating them, including those
             // that an earlier rerun kept.
             Stage::Step1 if n > 0 => {
-                patient.carried = patient
+                carried = patient
                     .chain
                     .iterations
                     .iter()
@@ -118,81 +120,77 @@ impl Decider {
             }
             _ => {}
         }
-        patient.plan_row.carried =
-            serde_json::to_string(&patient.carried).expect("numbers are JSON");
-        patient.plan_row.overrides = serde_json::to_string(&layer).expect("settings are JSON");
-        if settings::same_tasks(world.plan(i)?, &plan) && from != Stage::Step1 {
+        books.set_carried(i, carried);
+        books.set_overrides(i, &layer);
+        if settings::same_tasks(books.plan(i)?, &plan) && from != Stage::Step1 {
             changes.push(format!(
                 "{name}: no setting changed, so nothing will be redone"
             ));
         }
-        self.reopen(world, i);
+        self.reopen(books, i);
         self.replan(
-            world,
+            books,
             i,
             &given,
             &layer,
             &format!("rerun from {from}"),
             true,
         )?;
-        self.decide(world, i)?;
+        self.decide(books, i)?;
         if changes.is_empty() {
             changes.push(format!("{name}: settings changed from {from} on"));
         }
         Ok(changes)
     }
 
-    fn retry(&mut self, world: &mut World, i: usize) -> Result<Vec<String>, EngineError> {
-        let name = world.patients[i].row.patient.clone();
-        let steps = &world.patients[i].steps;
+    fn retry(&mut self, books: &mut Books, i: usize) -> Result<Vec<String>, EngineError> {
+        let name = books.patient(i).row.patient.clone();
+        let steps = &books.patient(i).steps;
         let mut failed: Vec<(Step, TaskKey)> = steps
             .iter()
             .filter(|(_, key)| {
-                world
-                    .tasks
-                    .get(key)
+                books
+                    .task(key)
                     .is_some_and(|t| matches!(t.state, Task::Failed { .. }))
             })
             .map(|(step, key)| (*step, key.clone()))
             .collect();
         failed.sort();
-        let cancelled = matches!(world.patients[i].row.state, Patient::Cancelled { .. });
+        let cancelled = matches!(books.patient(i).row.state, Patient::Cancelled { .. });
         if failed.is_empty() && !cancelled {
-            let state = world.patients[i].row.state.word();
+            let state = books.patient(i).row.state.word();
             return Err(EngineError::Request {
                 message: format!("{name} is {state} and none of its tasks failed"),
             });
         }
         let mut changes = Vec::new();
         for (step, key) in failed {
-            world.task_event(&key, TaskEvent::Retry)?;
+            books.task_event(&key, TaskEvent::Retry)?;
             changes.push(format!("{name}: {step} will be retried"));
         }
         if cancelled {
             changes.push(format!("{name} continues"));
         }
-        self.reopen(world, i);
-        world.plan_changed(i);
-        world.patient_event(
+        self.reopen(books, i);
+        books.plan_changed(i);
+        books.patient_event(
             i,
             PatientEvent::Replan {
                 reason: "retry".into(),
             },
         )?;
-        self.decide(world, i)?;
+        self.decide(books, i)?;
         Ok(changes)
     }
 }
 
-fn find(world: &World, patient: &PatientId) -> Result<usize, EngineError> {
-    world
-        .by_name
-        .get(patient.as_str())
-        .copied()
-        .filter(|&i| world.patients[i].row.active)
+fn find(books: &Books, patient: &PatientId) -> Result<usize, EngineError> {
+    books
+        .by_name(patient.as_str())
+        .filter(|&i| books.patient(i).row.active)
         .ok_or_else(|| {
-            let known: Vec<&str> = world
-                .patients
+            let known: Vec<&str> = books
+                .patients()
                 .iter()
                 .filter(|p| p.row.active)
                 .take(20)

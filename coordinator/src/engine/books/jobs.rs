@@ -9,13 +9,13 @@ use crate::store::cluster_jobs::{Allotment, AllotmentRow, JobRow, SeenElement, i
 #[derive(Debug, Default)]
 pub struct Jobs {
     /// Jobs that are not over, by name.
-    pub rows: BTreeMap<String, JobRow>,
+    pub(super) rows: BTreeMap<String, JobRow>,
     /// Job and element in which a patient is placed, by the patient's row id.
-    pub placed: HashMap<i64, (String, usize)>,
+    pub(super) placed: HashMap<i64, (String, usize)>,
     /// Resources and spent retries for patients' next jobs, by the patient's row id.
-    pub allotments: HashMap<i64, Allotment>,
+    allotments: HashMap<i64, Allotment>,
     /// Reason for which nothing is submitted at present, shown with the waiting patients.
-    pub holds: Option<String>,
+    holds: Option<String>,
     fresh: BTreeSet<String>,
     dirty: BTreeSet<String>,
     dirty_allotments: BTreeSet<i64>,
@@ -33,6 +33,25 @@ impl Jobs {
             jobs.rows.insert(row.name.clone(), row);
         }
         jobs
+    }
+
+    /// Jobs that are not over, by name.
+    pub fn rows(&self) -> &BTreeMap<String, JobRow> {
+        &self.rows
+    }
+
+    /// Job and element in which a patient is placed, by the patient's row id.
+    pub fn placed(&self) -> &HashMap<i64, (String, usize)> {
+        &self.placed
+    }
+
+    /// Reason for which nothing is submitted at present.
+    pub fn holds(&self) -> Option<&str> {
+        self.holds.as_deref()
+    }
+
+    pub fn set_holds(&mut self, holds: Option<String>) {
+        self.holds = holds;
     }
 
     fn place(&mut self, row: &JobRow) {

@@ -1,6 +1,6 @@
 //! Columns of a patient in tables.
 
-use super::world::World;
+use super::Books;
 use crate::store::patients::Shown;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
@@ -9,7 +9,7 @@ use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use cardiotwin_workflow::task::Task;
 
-impl World {
+impl Books {
     /// Updates the shown columns of a patient's row from the patient's state.
     pub fn show(&mut self, i: usize) {
         let shown = self.shown(i);
@@ -127,8 +127,8 @@ impl World {
                     _ => ("running", again),
                 }
             }
-            Task::Open { .. } => match &self.jobs.holds {
-                Some(holds) => ("waiting", holds.clone()),
+            Task::Open { .. } => match self.jobs.holds() {
+                Some(holds) => ("waiting", holds.to_owned()),
                 None => ("waiting", "for a free worker".to_owned()),
             },
             Task::Published { .. } | Task::Failed { .. } => ("waiting", String::new()),

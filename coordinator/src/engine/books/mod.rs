@@ -1,6 +1,12 @@
 //! In-memory mirror of the store, and the only way to change it: an event is fed to a state
 //! machine, the event is logged, the row is marked, and the machine's actions go to the outbox.
-//! [`World::flush`] turns the changes into a batch.
+//! [`Books::flush`] turns the changes into a batch.
+
+mod access;
+mod job_events;
+mod jobs;
+mod rows;
+mod show;
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -19,36 +25,32 @@ use cardiotwin_workflow::task::{Task, TaskEvent};
 use serde::Serialize;
 
 use super::EngineError;
-pub use super::book_rows::AttemptEntry;
-use super::book_rows::{PatientEntry, TaskEntry};
-pub use super::job_book::Jobs;
 use crate::store::events::NewEvent;
 use crate::store::outbox::{Action, NewAction};
 use crate::store::patients::{ChainRow, PatientRow, PlanRow};
 use crate::store::steps::StepRow;
 use crate::store::{Batch, Loaded};
+pub use jobs::Jobs;
+pub use rows::{AttemptEntry, PatientEntry, TaskEntry};
 
 /// The mirror of all rows.
 #[derive(Debug)]
-pub struct World {
-    pub run_dir: PathBuf,
-    pub patients: Vec<PatientEntry>,
-    pub by_name: HashMap<String, usize>,
-    pub tasks: HashMap<TaskKey, TaskEntry>,
-    pub attempts: HashMap<AttemptId, AttemptEntry>,
+pub struct Books {
+    run_dir: PathBuf,
+    patients: Vec<PatientEntry>,
+    by_name: HashMap<String, usize>,
+    tasks: HashMap<TaskKey, TaskEntry>,
+    attempts: HashMap<AttemptId, AttemptEntry>,
     /// Open tasks with waiting patients, by position in the cohort: the first patients finish
     /// first.
-    pub ready: BTreeSet<(i64, TaskKey)>,
+    ready: BTreeSet<(i64, TaskKey)>,
     /// Actions of committed batches that are still to be executed, oldest first.
-    pub outbox: Vec<(i64, Action)>,
+    outbox: Vec<(i64, Action)>,
     /// Jobs of a cluster.
-    pub jobs: Jobs,
-    pub by_id: HashMap<i64, usize>,
-    pub allocation: i64,
-    pub now_ms: i64,
-    /// Refusal of a worker other than the run's. It is raised if a finished patient needs a
-    /// computation.
-    pub refused_worker: Option<EngineError>,
+    jobs: Jobs,
+    by_id: HashMap<i64, usize>,
+    allocation: i64,
+    now_ms: i64,
     fresh_actions: Vec<Action>,
     next_action: i64,
     next_patient: i64,
@@ -101,20 +103,13 @@ pub(super) fn attempt_directory(attempt: &AttemptId) -> String {
     )
 }
 
-impl World {
+impl Books {
     /// States of the selected patients.
     pub fn selected_states(&self) -> impl Iterator<Item = &Patient> {
         self.patients
             .iter()
             .filter(|p| p.selected)
             .map(|p| &p.row.state)
-    }
-
-    /// Raises the refusal of the present worker if a selected patient is not finished.
-    pub fn need_a_worker(&mut self) -> Result<(), EngineError> {
-        let all_final = self.selected_states().all(Patient::is_final);
-        let refused = self.refused_worker.take().filter(|_| !all_final);
-        refused.map_or(Ok(()), Err)
     }
 
     /// Puts a single value into the next batch.
@@ -201,7 +196,6 @@ impl World {
             ready: BTreeSet::new(),
             allocation: 0,
             now_ms,
-            refused_worker: None,
             fresh_actions: Vec::new(),
             dirty_patients: BTreeSet::new(),
             dirty_tasks: HashSet::new(),
@@ -225,14 +219,6 @@ impl World {
                 }
             })?;
         Ok(patient.plan.get_or_init(|| plan))
-    }
-
-    /// Replaces a patient's plan. `plan_row` must hold the same plan.
-    pub fn set_plan(&mut self, i: usize, plan: ResolvedPatient) {
-        let patient = &mut self.patients[i];
-        patient.plan = OnceLock::from(plan);
-        patient.plan_changed = true;
-        self.dirty_patients.insert(i);
     }
 
     /// Adds a patient that the store does not have. Returns its index.

@@ -10,9 +10,9 @@ use cardiotwin_workflow::derivation::Next;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 use serde_json::Value;
 
-use super::transitions::Decider;
-use super::world::{ATTEMPTS, World};
-use super::{EngineError, EngineEvent};
+use super::Decider;
+use crate::engine::books::{ATTEMPTS, Books};
+use crate::engine::{EngineError, EngineEvent};
 
 /// A task with this many attempts is not computed again by itself, even if its files are missing
 /// each time. The task that reads them then reports the error.
@@ -33,7 +33,7 @@ impl Decider {
     /// Reopens published tasks whose files are missing and are needed by a patient's next task.
     pub(super) fn open_purged(
         &mut self,
-        world: &mut World,
+        books: &mut Books,
         i: usize,
         next: &Next,
     ) -> Result<Inputs, EngineError> {
@@ -41,9 +41,8 @@ impl Decider {
             return Ok(Inputs::Settled);
         };
         // A task that is already running has read its inputs, or reports a missing one itself.
-        if world
-            .tasks
-            .get(key)
+        if books
+            .task(key)
             .is_some_and(|task| matches!(task.state, Task::Attempting { .. }))
         {
             return Ok(Inputs::Settled);
@@ -53,20 +52,23 @@ impl Decider {
         };
         let mut found = Inputs::Settled;
         for path in missing {
-            let Some(made) = maker(world, &path) else {
+            let Some(made) = maker(books, &path) else {
                 continue;
             };
             // Each task is reopened once per coordinator: a file that is still missing after that
             // was not purged.
-            if world.tasks[&made].state.generation() >= MOST_GENERATIONS
+            if books.tasks()[&made].state.generation() >= MOST_GENERATIONS
                 || !self.remade.insert(made.clone())
             {
                 continue;
             }
-            world.task_event(&made, TaskEvent::Purged)?;
+            books.task_event(&made, TaskEvent::Purged)?;
             found = Inputs::Reopened;
-            let patient = PatientId(world.patients[i].row.patient.clone());
-            let name = path.strip_prefix(&world.run_dir).unwrap_or(&path).display();
+            let patient = PatientId(books.patient(i).row.patient.clone());
+            let name = path
+                .strip_prefix(books.run_dir())
+                .unwrap_or(&path)
+                .display();
             let text = format!("{patient}: {name} is gone, but {step} needs it: it is recomputed");
             self.events.push(EngineEvent::Request { text });
         }
@@ -102,15 +104,15 @@ fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
 }
 
 /// The published task whose present attempt wrote a file of this run.
-fn maker(world: &World, path: &Path) -> Option<TaskKey> {
-    let inside = path.strip_prefix(world.run_dir.join(ATTEMPTS)).ok()?;
+fn maker(books: &Books, path: &Path) -> Option<TaskKey> {
+    let inside = path.strip_prefix(books.run_dir().join(ATTEMPTS)).ok()?;
     let attempt = inside.components().nth(1)?.as_os_str().to_str()?;
     let (prefix, generation) = attempt.rsplit_once("-g")?;
     let generation: u32 = generation.parse().ok()?;
     let made =
         |state: &Task| matches!(state, Task::Published { generation: by } if *by == generation);
-    let mut tasks = world
-        .tasks
+    let mut tasks = books
+        .tasks()
         .iter()
         .filter(|(key, task)| key.as_str().starts_with(prefix) && made(&task.state));
     tasks.next().map(|(key, _)| key.clone())
