@@ -46,15 +46,24 @@ pub enum ContractionSpec {
         /// File with calcium from activation on, columns `time_ms` and `Ca_uM`.
         calcium: InputFile,
     },
+    /// Another model of the catalogue, driven by the time since activation or by Rice's default
+    /// calcium transient.
+    Catalogue {
+        /// Name in the catalogue, for example `bestel-clement-sorine`.
+        name: String,
+        /// Parameters that differ from the defaults. The keys carry their units.
+        #[serde(default)]
+        parameters: BTreeMap<String, f64>,
+    },
 }
 
 impl ContractionSpec {
-    /// Parameters of the cell that differ from their defaults; `None` for the Tanh model, which has
-    /// no cell.
+    /// Parameters of the cell of step 2 that differ from their defaults; `None` for every other
+    /// model.
     #[must_use]
     pub fn cell_parameters(&self) -> Option<&BTreeMap<String, f64>> {
         match self {
-            Self::Tanh { .. } => None,
+            Self::Tanh { .. } | Self::Catalogue { .. } => None,
             Self::Land2017Rice { parameters, .. } | Self::Land2017Trace { parameters, .. } => {
                 Some(parameters)
             }

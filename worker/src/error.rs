@@ -98,6 +98,12 @@ pub enum TaskError {
     /// The contraction model rejects its parameters.
     #[error("the contraction model failed")]
     Contraction(#[source] ContractionError),
+    /// openCARP has no plugin for the contraction model.
+    #[error("openCARP has no plugin for contraction model `{model}`")]
+    NoPlugin {
+        /// Name of the model.
+        model: String,
+    },
     /// The circulation model rejects its parameters.
     #[error("the circulation failed")]
     Circulation(#[source] CirculationError),
@@ -263,9 +269,11 @@ impl TaskError {
                 source: ContractionError::Sensitivity { .. },
                 ..
             }) => FailureClass::Numerics,
-            Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Effect(_) => {
-                FailureClass::Input
-            }
+            Self::Organ(_)
+            | Self::Contraction(_)
+            | Self::NoPlugin { .. }
+            | Self::Circulation(_)
+            | Self::Effect(_) => FailureClass::Input,
             Self::Cell(error) => match error {
                 CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => {
                     FailureClass::Input
@@ -313,6 +321,10 @@ impl TaskError {
                 Some("use a version that has it, or remove it from the patient's model")
             }
             Self::Effect(_) => Some("correct the effect in the patient's model"),
+            Self::Contraction(
+                ContractionError::UnknownModel { .. } | ContractionError::UnknownParameter { .. },
+            ) => Some("correct the name in the contraction of the beat"),
+            Self::NoPlugin { .. } => Some("export a beat with the Tanh or the Land model"),
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => Some(
                 "set bounds or start values so that the parameter stays inside the model's range",
             ),

@@ -46,7 +46,8 @@ pub struct Plugin {
 /// Plugin for a model of active stress, with its parameters in kPa, ms and µM.
 ///
 /// # Errors
-/// [`TaskError::UnknownParameter`] for a name that the cell does not have.
+/// [`TaskError::UnknownParameter`] for a name that the cell does not have, [`TaskError::NoPlugin`] for a model of the
+/// catalogue.
 pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
     let listed = |pairs: &[(&str, f64)]| {
         pairs
@@ -56,6 +57,9 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
             .join(",")
     };
     match contraction {
+        ContractionSpec::Catalogue { name, .. } => Err(TaskError::NoPlugin {
+            model: name.clone(),
+        }),
         ContractionSpec::Tanh { parameters: p } => Ok(Plugin {
             name: "TanhStress",
             parameters: listed(&[
@@ -180,6 +184,11 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
         env!("CARGO_PKG_VERSION")
     );
     let file = match &spec.contraction {
+        ContractionSpec::Catalogue { name, .. } => {
+            return Err(TaskError::NoPlugin {
+                model: name.clone(),
+            });
+        }
         ContractionSpec::Tanh { .. } => {
             text.push_str(
                 "# Tanh model of step 1 (Jung et al. 2022, eqs. A1-A3). openCARP calls the plugin Stress_Niederer.\n",
@@ -225,7 +234,7 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
 /// Calcium that drives the model, one sample per millisecond; `None` for a model without calcium.
 fn transient(spec: &OrganBeatSpec) -> Result<Option<String>, TaskError> {
     let samples: Vec<f64> = match &spec.contraction {
-        ContractionSpec::Tanh { .. } => return Ok(None),
+        ContractionSpec::Tanh { .. } | ContractionSpec::Catalogue { .. } => return Ok(None),
         ContractionSpec::Land2017Rice {
             parameters,
             lambda_0,

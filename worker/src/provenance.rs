@@ -101,7 +101,9 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
 fn calcium(beat: &OrganBeatSpec) -> Vec<&InputFile> {
     match &beat.contraction {
         ContractionSpec::Land2017Trace { calcium, .. } => vec![calcium],
-        ContractionSpec::Tanh { .. } | ContractionSpec::Land2017Rice { .. } => Vec::new(),
+        ContractionSpec::Tanh { .. }
+        | ContractionSpec::Land2017Rice { .. }
+        | ContractionSpec::Catalogue { .. } => Vec::new(),
     }
 }
 

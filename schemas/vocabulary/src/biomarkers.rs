@@ -8,9 +8,18 @@ use serde::{Deserialize, Serialize};
 
 use crate::label::Label;
 
+/// Trace from which a biomarker is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TraceOf {
+    /// Pressure in the cavity.
+    Pressure,
+    /// Volume of the cavity.
+    Volume,
+}
+
 macro_rules! biomarkers {
     ($($(#[doc = $doc:literal])* $variant:ident, $field:ident, $key:literal, $unit:literal,
-       $symbol:literal, $subscript:literal, $meaning:literal;)*) => {
+       $symbol:literal, $subscript:literal, $trace:ident, $meaning:literal;)*) => {
         /// Name of one biomarker of a beat.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
         pub enum Biomarker {
@@ -44,6 +53,13 @@ macro_rules! biomarkers {
                     key: $key, symbol: $symbol, subscript: $subscript, unit: $unit, meaning: $meaning,
                 },)* }
             }
+
+            /// Trace from which the biomarker is read. Biomarkers of [`TraceOf::Volume`] are absent
+            /// in a personalisation to pressure alone.
+            #[must_use]
+            pub const fn trace(self) -> TraceOf {
+                match self { $(Self::$variant => TraceOf::$trace,)* }
+            }
         }
 
         impl Biomarkers {
@@ -62,29 +78,29 @@ macro_rules! biomarkers {
 }
 
 biomarkers! {
-    // variant, field, key in files, unit, symbol, subscript, meaning;
+    // variant, field, key in files, unit, symbol, subscript, trace, meaning;
     /// Peak pressure.
-    PMax, p_max_mmhg, "P_max_mmHg", "mmHg", "P", "max", "peak pressure";
+    PMax, p_max_mmhg, "P_max_mmHg", "mmHg", "P", "max", Pressure, "peak pressure";
     /// Largest pressure rate before the peak.
-    DpdtMax, dpdt_max_mmhg_per_ms, "dPdt_max_mmHg_per_ms", "mmHg/ms", "dP/dt", "max", "largest pressure rate before the peak";
+    DpdtMax, dpdt_max_mmhg_per_ms, "dPdt_max_mmHg_per_ms", "mmHg/ms", "dP/dt", "max", Pressure, "largest pressure rate before the peak";
     /// Smallest (negative) pressure rate after the peak.
-    DpdtMin, dpdt_min_mmhg_per_ms, "dPdt_min_mmHg_per_ms", "mmHg/ms", "dP/dt", "min", "smallest pressure rate after the peak";
+    DpdtMin, dpdt_min_mmhg_per_ms, "dPdt_min_mmHg_per_ms", "mmHg/ms", "dP/dt", "min", Pressure, "smallest pressure rate after the peak";
     /// Pressure transient duration at 90 % decay, t3 − t1.
-    Ptd90, ptd90_ms, "PTD90_ms", "ms", "PTD", "90", "pressure transient duration, t3 − t1";
+    Ptd90, ptd90_ms, "PTD90_ms", "ms", "PTD", "90", Pressure, "pressure transient duration, t3 − t1";
     /// Stroke volume.
-    Sv, sv_ml, "SV_mL", "mL", "SV", "", "stroke volume";
+    Sv, sv_ml, "SV_mL", "mL", "SV", "", Volume, "stroke volume";
     /// Time constant of ejection.
-    TauVd, tau_vd_ms, "tau_VD_ms", "ms", "τ", "VD", "time constant of ejection";
+    TauVd, tau_vd_ms, "tau_VD_ms", "ms", "τ", "VD", Volume, "time constant of ejection";
     /// Time constant of rapid filling.
-    TauVr, tau_vr_ms, "tau_VR_ms", "ms", "τ", "VR", "time constant of rapid filling";
+    TauVr, tau_vr_ms, "tau_VR_ms", "ms", "τ", "VR", Volume, "time constant of rapid filling";
     /// Volume at the beat's start.
-    Edv, edv_ml, "EDV_mL", "mL", "EDV", "", "volume at the beat's start";
+    Edv, edv_ml, "EDV_mL", "mL", "EDV", "", Volume, "volume at the beat's start";
     /// Smallest volume.
-    Esv, esv_ml, "ESV_mL", "mL", "ESV", "", "smallest volume";
+    Esv, esv_ml, "ESV_mL", "mL", "ESV", "", Volume, "smallest volume";
     /// Pressure at the beat's start.
-    Edp, edp_mmhg, "EDP_mmHg", "mmHg", "EDP", "", "pressure at the beat's start";
+    Edp, edp_mmhg, "EDP_mmHg", "mmHg", "EDP", "", Pressure, "pressure at the beat's start";
     /// Measured EDV minus simulated volume at the beat's end.
-    EndOfBeatGap, end_of_beat_gap_ml, "end_of_beat_gap_mL", "mL", "gap", "", "measured EDV minus simulated volume at the beat's end";
+    EndOfBeatGap, end_of_beat_gap_ml, "end_of_beat_gap_mL", "mL", "gap", "", Volume, "measured EDV minus simulated volume at the beat's end";
 }
 
 impl Biomarker {
@@ -136,14 +152,10 @@ impl Biomarker {
             .find(|biomarker| biomarker.key() == key)
     }
 
-    /// Whether a volume trace is needed to read the biomarker. It is absent in a personalisation to
-    /// pressure alone.
+    /// Whether a volume trace is needed to read the biomarker.
     #[must_use]
     pub const fn is_of_volume(self) -> bool {
-        !matches!(
-            self,
-            Self::PMax | Self::DpdtMax | Self::DpdtMin | Self::Ptd90 | Self::Edp
-        )
+        matches!(self.trace(), TraceOf::Volume)
     }
 }
 

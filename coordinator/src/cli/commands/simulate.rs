@@ -1,9 +1,10 @@
 //! `cardiotwin simulate`: one simulation of a patient's organ, outside any run.
 
-use cardiotwin_schemas::biomarkers::Biomarker;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use cardiotwin_schemas::organ::{BeatCount, ContractionSpec};
+use cardiotwin_schemas::biomarkers::Biomarker;
+use cardiotwin_schemas::organ::{BeatCount, CELL_PARAMETERS, ContractionSpec};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use clap::Args;
@@ -47,6 +48,9 @@ pub struct SimulateArgs {
     /// Use the fitted cell model of step 2 instead of Tanh, as in the verification beat
     #[arg(long)]
     cell: bool,
+    /// Use a contraction model of the catalogue instead of Tanh, for example bestel-clement-sorine
+    #[arg(long, value_name = "MODEL", conflicts_with = "cell")]
+    contraction: Option<String>,
     /// Write traces.csv, nodal.csv, spec.json and outcome.json into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -101,11 +105,17 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     let beats = args.beats.unwrap_or(BeatCount::Fixed {
         n: ventricle.plan.settings.solver.beats,
     });
-    let spec = if args.cell {
+    let mut spec = if args.cell {
         ventricle.beat_of_step2("--cell", beats)?
     } else {
         ventricle.beat_of_step1(beats)
     };
+    if let Some(name) = &args.contraction {
+        spec.contraction = ContractionSpec::Catalogue {
+            name: name.clone(),
+            parameters: BTreeMap::new(),
+        };
+    }
     let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
     let scratch =
         tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
@@ -186,9 +196,16 @@ fn with_parameters(spec: OrganBeatSpec, assignments: &[String]) -> Result<OrganB
         };
         let mut known = Vec::new();
         if !replace(&mut value, name.trim(), number, &mut known) {
-            // A cell parameter at its default value is absent from the specification.
-            let cell = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
-            if cell && cardiotwin_schemas::organ::CELL_PARAMETERS.contains(&name.trim()) {
+            // A parameter at its default value is absent from the specification. The worker knows
+            // the names of the catalogue's models.
+            let is_absent = match &spec.contraction {
+                ContractionSpec::Tanh { .. } => false,
+                ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => {
+                    CELL_PARAMETERS.contains(&name.trim())
+                }
+                ContractionSpec::Catalogue { .. } => true,
+            };
+            if is_absent {
                 value["contraction"]["parameters"][name.trim()] = number.into();
                 continue;
             }

@@ -243,6 +243,9 @@ impl Script {
                         opened,
                     )
                 }
+                ContractionSpec::Catalogue { name, .. } => {
+                    unreachable!("no workflow plans a beat with {name}")
+                }
                 ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => {
                     let is_of_step3 = spec
                         .contraction

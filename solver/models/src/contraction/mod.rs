@@ -1,12 +1,16 @@
 //! Active stress of a cardiomyocyte, one model a file.
 //!
 //! A model is a value with parameters only; the states of many nodes live with the caller, so that a snapshot is a copy of
-//! numbers and a step can be tried again. Another cell model is one file that implements [`Contraction`].
+//! numbers and a step can be tried again. Another cell model is one file that implements [`Contraction`], and one line in
+//! [`catalogue`].
 
+mod bestel_clement_sorine;
+pub mod catalogue;
 pub mod land2017;
 mod reference;
 pub mod tanh;
 
+pub use catalogue::{ContractionModel, ModelParameter};
 pub use land2017::{LAMBDA_CAP, Land2017, Land2017Parameters};
 pub use reference::StretchReference;
 pub use tanh::{Tanh, TanhParameters};
@@ -126,6 +130,24 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
 /// Why a contraction model refused its parameters or a step.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ContractionError {
+    /// The catalogue has no model of this name.
+    #[error("unknown contraction model `{found}`, expected one of {expected}")]
+    UnknownModel {
+        /// Name given.
+        found: String,
+        /// Names in the catalogue.
+        expected: String,
+    },
+    /// The model has no parameter of this name.
+    #[error("contraction model {model} has no parameter `{found}`, expected one of {expected}")]
+    UnknownParameter {
+        /// Name of the model.
+        model: &'static str,
+        /// Name given.
+        found: String,
+        /// Names of the model's parameters.
+        expected: String,
+    },
     /// A parameter is outside what the equations allow.
     #[error("parameter {name} = {value} must be {expected}")]
     Parameter {

@@ -37,25 +37,32 @@ pub use measurement::{Measurement, MeasurementTerm, PeriodicTraces};
 pub use setting::{EffectError, EffectSetting};
 pub use three_dimensions::{FibreViscosity, InThreeDimensionsParts, LatePart, in_three_dimensions};
 
-/// All effects, physiology first.
-pub const CATALOGUE: [&Effect; 16] = [
-    &atrial_kick::EFFECT,
-    &mitral_regurgitation::EFFECT,
-    &aortic_regurgitation::EFFECT,
-    &aortic_stenosis::EFFECT,
-    &wave_reflection::EFFECT,
-    &delayed_relaxation::EFFECT,
-    &passive_stiffening::EFFECT,
-    &ventricular_septal_defect::EFFECT,
-    &pericardial_constraint::EFFECT,
-    &dyssynchrony::EFFECT,
-    &viscoelasticity::EFFECT,
-    &cross_fibre_stress::EFFECT,
-    &catheter_response::EFFECT,
-    &pv_misalignment::EFFECT,
-    &pressure_offset::EFFECT,
-    &volume_scaling::EFFECT,
-];
+/// Declares [`CATALOGUE`] from the names of the effects' files.
+macro_rules! catalogue {
+    ($($effect:ident;)*) => {
+        /// All effects, physiology first.
+        pub const CATALOGUE: [&Effect; [$(stringify!($effect)),*].len()] = [$(&$effect::EFFECT),*];
+    };
+}
+
+catalogue! {
+    atrial_kick;
+    mitral_regurgitation;
+    aortic_regurgitation;
+    aortic_stenosis;
+    wave_reflection;
+    delayed_relaxation;
+    passive_stiffening;
+    ventricular_septal_defect;
+    pericardial_constraint;
+    dyssynchrony;
+    viscoelasticity;
+    cross_fibre_stress;
+    catheter_response;
+    pv_misalignment;
+    pressure_offset;
+    volume_scaling;
+}
 
 /// Finds an effect by its name.
 ///

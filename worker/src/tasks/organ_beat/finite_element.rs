@@ -21,7 +21,6 @@ use cardiotwin_models::ventricle::{OneFibrePassive, Ventricle as _};
 use cardiotwin_schemas::finite_element::{
     EquationSettings, FiniteElementOrgan, FiniteElementSettings,
 };
-use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
@@ -342,7 +341,7 @@ fn begin_series(
         return Ok(None);
     }
     let every_ms = context.vtu_every_ms.max(spec.time_step_ms);
-    let with_calcium = !matches!(spec.contraction, ContractionSpec::Tanh { .. });
+    let with_calcium = has_calcium(spec);
     let mesh = StoredVentricle::read(&organ.ventricle)?.mesh;
     let (series, bytes) = Series::begin(
         context.artefacts.directory(),

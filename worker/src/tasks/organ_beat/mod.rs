@@ -15,10 +15,10 @@ use std::sync::Arc;
 use cardiotwin_models::beat::{
     BeatCheck, BeatOutcome, BeatResult, BeatSettings, BeatTraces, Beats, run_beats,
 };
-use cardiotwin_models::calcium::SampledCalcium;
+use cardiotwin_models::calcium::{Calcium, Rice2008, Rice2008Parameters, SampledCalcium};
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
-use cardiotwin_models::contraction::{StretchReference, Tanh};
+use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
 use cardiotwin_schemas::biomarkers::Biomarkers;
@@ -153,7 +153,13 @@ fn ending(
 
 /// Whether the contraction model has calcium.
 fn has_calcium(spec: &OrganBeatSpec) -> bool {
-    !matches!(spec.contraction, ContractionSpec::Tanh { .. })
+    match &spec.contraction {
+        ContractionSpec::Tanh { .. } => false,
+        ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => true,
+        ContractionSpec::Catalogue { name, parameters } => catalogue::find(name)
+            .and_then(|model| model.with(parameters))
+            .is_ok_and(|model| model.needs_calcium()),
+    }
 }
 
 fn settings(spec: &OrganBeatSpec) -> BeatSettings {
@@ -253,8 +259,29 @@ fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, TaskError> {
                 ..cell
             })?
         }
+        ContractionSpec::Catalogue { name, parameters } => of_catalogue(name, parameters)?,
     };
     Ok(contraction.with_stretch(stretch_reference(spec.cell_stretch)))
+}
+
+/// A model of the catalogue at rest. A model that needs calcium gets Rice's transient with its
+/// defaults.
+fn of_catalogue(
+    name: &str,
+    parameters: &BTreeMap<String, f64>,
+) -> Result<GroupContraction, TaskError> {
+    let model = catalogue::find(name)
+        .and_then(|model| model.with(parameters))
+        .map_err(TaskError::Contraction)?;
+    let calcium: Option<Arc<dyn Calcium>> = if model.needs_calcium() {
+        let rice = Rice2008::new(Rice2008Parameters::default()).map_err(CellError::Calcium)?;
+        Some(Arc::new(rice))
+    } else {
+        None
+    };
+    let mut rest = vec![0.0; model.n_states()];
+    model.rest(&mut rest);
+    GroupContraction::new(model, calcium, rest).map_err(TaskError::Organ)
 }
 
 fn stretch_reference(stretch: CellStretch) -> StretchReference {

@@ -199,7 +199,7 @@ impl Change {
             return beat.valves.named_mut(&self.key);
         }
         match &mut beat.contraction {
-            ContractionSpec::Tanh { .. } => None,
+            ContractionSpec::Tanh { .. } | ContractionSpec::Catalogue { .. } => None,
             ContractionSpec::Land2017Rice { parameters, .. }
             | ContractionSpec::Land2017Trace { parameters, .. } => {
                 let default = cell_default(&self.key)?;

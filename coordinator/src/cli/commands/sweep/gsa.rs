@@ -277,7 +277,7 @@ async fn base(args: &GsaArgs) -> Result<GsaSpec, CliError> {
             lambda_0,
             ..
         } => (parameters, lambda_0),
-        ContractionSpec::Tanh { .. } => (BTreeMap::new(), 1.0),
+        ContractionSpec::Tanh { .. } | ContractionSpec::Catalogue { .. } => (BTreeMap::new(), 1.0),
     };
     // Calcium parameters are swept, too, so that the beat must not use a calcium trace.
     beat.contraction = ContractionSpec::Land2017Rice {

@@ -36,6 +36,11 @@ pub(super) fn of(spec: &OrganBeatSpec, organ: &ExternalOrgan) -> ExternalParamet
 
 fn contraction(spec: &ContractionSpec) -> ExternalContraction {
     match spec {
+        ContractionSpec::Catalogue { name, parameters } => ExternalContraction {
+            model: name.clone(),
+            parameters: parameters.clone(),
+            calcium_file: None,
+        },
         ContractionSpec::Tanh { parameters } => {
             let named = serde_json::to_value(parameters).unwrap_or_default();
             let named = named.as_object().into_iter().flatten();

@@ -1,0 +1,186 @@
+//! Catalogue of contraction models that a beat takes by name.
+//!
+//! Step 1 fits [`Tanh`](super::Tanh) and step 2 fits [`Land2017`](super::Land2017); both have their own place in a beat's
+//! specification. Every other model is one file with its declaration ([`ContractionModel`]) and one line of [`CATALOGUE`].
+
+use std::collections::BTreeMap;
+
+use super::{Contraction, ContractionError, bestel_clement_sorine};
+use crate::parameter::Domain;
+
+/// All models, in the order of tables.
+pub const CATALOGUE: &[&ContractionModel] = &[&bestel_clement_sorine::MODEL];
+
+/// An entry of the catalogue.
+#[derive(Debug, Clone, Copy)]
+pub struct ContractionModel {
+    /// Name in files and on the command line.
+    pub name: &'static str,
+    /// Meaning, in one sentence.
+    pub meaning: &'static str,
+    /// Equation as computed.
+    pub equation: &'static str,
+    /// Literature source.
+    pub source: &'static str,
+    /// Parameters, in the order in which `build` takes their values.
+    pub parameters: &'static [ModelParameter],
+    /// Makes the model from one value for each parameter.
+    pub build: fn(&[f64]) -> Box<dyn Contraction>,
+}
+
+/// One parameter of a model in the catalogue.
+#[derive(Debug, Clone, Copy)]
+pub struct ModelParameter {
+    /// Key in files, which ends with the unit where there is one.
+    pub name: &'static str,
+    /// Meaning of the parameter.
+    pub meaning: &'static str,
+    /// Value if a specification gives none.
+    pub default: f64,
+    /// Values that the equations admit.
+    pub domain: Domain,
+}
+
+impl ContractionModel {
+    /// The model with parameters by name; absent parameters have their default.
+    ///
+    /// # Errors
+    /// [`ContractionError::UnknownParameter`] for a name that the model lacks, [`ContractionError::Parameter`] for a value
+    /// that its equations do not admit.
+    pub fn with(
+        &self,
+        parameters: &BTreeMap<String, f64>,
+    ) -> Result<Box<dyn Contraction>, ContractionError> {
+        let is_known = |key: &String| self.parameters.iter().any(|p| p.name == key);
+        if let Some(found) = parameters.keys().find(|key| !is_known(key)) {
+            let names: Vec<_> = self.parameters.iter().map(|p| p.name).collect();
+            return Err(ContractionError::UnknownParameter {
+                model: self.name,
+                found: found.clone(),
+                expected: names.join(", "),
+            });
+        }
+        let mut values = Vec::with_capacity(self.parameters.len());
+        for parameter in self.parameters {
+            let value = parameters
+                .get(parameter.name)
+                .copied()
+                .unwrap_or(parameter.default);
+            if !parameter.domain.contains(value) {
+                return Err(ContractionError::Parameter {
+                    name: parameter.name,
+                    value,
+                    expected: parameter.domain.expected(),
+                });
+            }
+            values.push(value);
+        }
+        Ok((self.build)(&values))
+    }
+}
+
+/// Finds a model by its name.
+///
+/// # Errors
+/// [`ContractionError::UnknownModel`] with the names in the catalogue.
+pub fn find(name: &str) -> Result<&'static ContractionModel, ContractionError> {
+    CATALOGUE
+        .iter()
+        .copied()
+        .find(|model| model.name == name)
+        .ok_or_else(|| {
+            let names: Vec<_> = CATALOGUE.iter().map(|model| model.name).collect();
+            ContractionError::UnknownModel {
+                found: name.to_owned(),
+                expected: names.join(", "),
+            }
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::NodeStep;
+    use super::*;
+
+    /// Stresses \[kPa\] of a beat of 800 ms at a constant stretch, one a millisecond.
+    fn beat(model: &dyn Contraction) -> Vec<f64> {
+        let mut state = vec![0.0; model.n_states()];
+        model.rest(&mut state);
+        let mut trial = state.clone();
+        (1..=800)
+            .map(|ms| {
+                let step = NodeStep {
+                    since_activation_ms: f64::from(ms),
+                    dt_ms: 1.0,
+                    ca_start_um: 0.2,
+                    ca_end_um: 0.2,
+                    lambda_prev: 1.0,
+                    lambda: 1.0,
+                };
+                let stress = model.try_step(&step, &state, &mut trial).unwrap();
+                state.copy_from_slice(&trial);
+                stress.sa_kpa
+            })
+            .collect()
+    }
+
+    #[test]
+    fn every_model_is_found_and_gives_a_finite_beat() {
+        for entry in CATALOGUE {
+            assert_eq!(find(entry.name).unwrap().name, entry.name);
+            let stresses = beat(&*entry.with(&BTreeMap::new()).unwrap());
+            assert!(
+                stresses.iter().all(|s| s.is_finite() && *s >= 0.0),
+                "{}",
+                entry.name
+            );
+            assert!(
+                stresses.iter().copied().fold(0.0, f64::max) > 1.0,
+                "{} never contracts",
+                entry.name
+            );
+            assert!(!entry.source.is_empty() && !entry.equation.is_empty());
+        }
+    }
+
+    #[test]
+    fn every_parameter_moves_the_beat() {
+        for entry in CATALOGUE {
+            let of_defaults = beat(&*entry.with(&BTreeMap::new()).unwrap());
+            for parameter in entry.parameters {
+                let value = match parameter.domain {
+                    Domain::Fraction => 0.5 * (1.0 + parameter.default),
+                    _ => 1.2 * parameter.default + 1e-3,
+                };
+                let moved = entry
+                    .with(&[(parameter.name.to_owned(), value)].into())
+                    .unwrap();
+                let largest = beat(&*moved)
+                    .iter()
+                    .zip(&of_defaults)
+                    .map(|(a, b)| (a - b).abs())
+                    .fold(0.0, f64::max);
+                assert!(largest > 1e-6, "{} of {}", parameter.name, entry.name);
+            }
+        }
+    }
+
+    #[test]
+    fn unknown_names_and_values_outside_the_domain_are_refused() {
+        let error = find("bestel").unwrap_err().to_string();
+        assert!(error.contains("bestel-clement-sorine"), "{error}");
+        let entry = find("bestel-clement-sorine").unwrap();
+        let with = |name: &str, value: f64| entry.with(&[(name.to_owned(), value)].into());
+        assert!(matches!(
+            with("sigma", 1.0),
+            Err(ContractionError::UnknownParameter { .. })
+        ));
+        assert!(matches!(
+            with("sigma_0_kPa", -1.0),
+            Err(ContractionError::Parameter {
+                name: "sigma_0_kPa",
+                ..
+            })
+        ));
+    }
+}
