@@ -5,11 +5,20 @@
 
 use std::collections::BTreeMap;
 
-use super::{Contraction, ContractionError, bestel_clement_sorine};
+use super::{Contraction, ContractionError};
 use crate::parameter::Domain;
 
-/// All models, in the order of tables.
-pub const CATALOGUE: &[&ContractionModel] = &[&bestel_clement_sorine::MODEL];
+/// Declares [`CATALOGUE`] from the names of the models' files.
+macro_rules! catalogue {
+    ($($model:ident;)*) => {
+        /// All models, in the order of tables.
+        pub const CATALOGUE: &[&ContractionModel] = &[$(&super::$model::MODEL),*];
+    };
+}
+
+catalogue! {
+    bestel_clement_sorine;
+}
 
 /// An entry of the catalogue.
 #[derive(Debug, Clone, Copy)]
