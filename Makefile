@@ -15,7 +15,7 @@ BUILD := $(CARGO) build --release --locked --workspace --bins
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: help book install package vendor deps deps-demo build test-mpich demo test bench work-precision evaluate-discover second-cohort afterload verify slurm-kills clean-run
+.PHONY: worked-changes help book install package vendor deps deps-demo build test-mpich demo test bench work-precision evaluate-discover second-cohort afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -112,6 +112,9 @@ VERIFY_TABLES := $(patsubst %,$(VERIFY)/arostica2025-lv-%-cohort.csv,0a 1 0b) $(
 	$(patsubst %,$(VERIFY)/static-%.csv,contraction inflation beam sphere order) \
 	$(patsubst %,$(VERIFY)/motion-%.csv,order energy cube) $(patsubst %,$(VERIFY)/ep-%.txt,cell waves traces eikonal) \
 	$(patsubst %,$(VERIFY)/twins-%.csv,finite-element reduced)
+worked-changes: ## apply the diffs of CONTRIBUTING.md to a copy, build it, and try each change (ten minutes)
+	tests/worked-changes.sh $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/worked-changes
+
 verify: build ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics, the twins of all seven patients (half an hour after the build)
 	$(CARGO) build --release --locked --quiet --package cardiotwin-mechanics --package cardiotwin-electrophysiology --examples
 	mkdir -p $(VERIFY)

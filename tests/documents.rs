@@ -5,6 +5,8 @@
 mod pages;
 #[path = "documents/settings.rs"]
 mod settings;
+#[path = "documents/worked_changes.rs"]
+mod worked_changes;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
