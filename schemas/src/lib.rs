@@ -45,4 +45,4 @@ pub mod verdict;
 
 pub mod json_schemas;
 
-pub use cardiotwin_vocabulary::{biomarker_noise, biomarkers, cell, label, step1};
+pub use cardiotwin_vocabulary::{biomarker_noise, biomarkers, cell, label, ranges, step1};

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::cell::{TABLE_A7, cell_parameter};
 use crate::external::ExternalSettings;
@@ -59,6 +60,19 @@ impl Settings {
             update: self.step1_update(),
             ..self.step1.clone()
         }
+    }
+}
+
+/// Lays settings over earlier ones: tables are merged key by key, every other value takes the place
+/// of the earlier one. All layers of settings are merged by this function.
+pub fn lay_over(below: &mut Value, above: &Value) {
+    match (below, above) {
+        (Value::Object(below), Value::Object(above)) => {
+            for (key, value) in above {
+                lay_over(below.entry(key.clone()).or_insert(Value::Null), value);
+            }
+        }
+        (below, above) => *below = above.clone(),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::input::{Finding, Report};
 pub fn in_order(report: &Report) -> Vec<Finding> {
     let mut findings = report.findings().to_vec();
     findings.sort_by(|a, b| {
-        let place = |p: &Problem| (p.severity, p.file.clone(), p.line);
+        let place = |p: &Problem| (p.severity, p.file.clone(), p.line, p.column);
         place(&a.problem).cmp(&place(&b.problem))
     });
     findings
@@ -26,19 +26,15 @@ pub fn text(report: &Report, colour: bool) -> String {
         } else {
             (Tone::Doubtful, "warning")
         };
-        let line = problem
-            .line
-            .map(|line| format!(":{line}"))
-            .unwrap_or_default();
         let key = problem
             .key
             .as_deref()
             .map(|key| format!(" {key}:"))
             .unwrap_or_default();
         text.push_str(&format!(
-            "{}: {}{line}:{key} found {}\n  expected: {}\n  remedy:   {}\n",
+            "{}: {}:{key} found {}\n  expected: {}\n  remedy:   {}\n",
             paint(colour, tone, word),
-            problem.file.display(),
+            problem.place(),
             problem.found,
             problem.expected,
             problem.remedy

@@ -2,8 +2,8 @@
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::settings::lay_over;
 use cardiotwin_workflow::patient::Stage;
-use serde_json::Value;
 
 /// `given` with the tables of `overrides` laid over its settings, key by key.
 ///
@@ -32,17 +32,6 @@ pub fn merged(
     let mut layer = serde_json::to_value(earlier)?;
     lay_over(&mut layer, &serde_json::to_value(later)?);
     serde_json::from_value(layer)
-}
-
-fn lay_over(below: &mut Value, above: &Value) {
-    match (below, above) {
-        (Value::Object(below), Value::Object(above)) => {
-            for (key, value) in above {
-                lay_over(below.entry(key.clone()).or_insert(Value::Null), value);
-            }
-        }
-        (below, above) => *below = above.clone(),
-    }
 }
 
 /// The first table of a layer that acts on a stage before `from`, with that stage.

@@ -87,7 +87,7 @@ fn a_right_ventricle_with_a_pressure_or_a_trace_is_taken() {
 #[test]
 fn what_is_wrong_with_a_right_ventricle_is_said_with_key_and_line() {
     let of = |lines: &str, trace: Option<&str>| said(&table(lines), "", trace).1;
-    let place = "patients/P1/patient.toml:18: anatomy.mesh.right_ventricle";
+    let place = "patients/P1/patient.toml:18:1: anatomy.mesh.right_ventricle";
     only(
         &of("surface = \"endo_rv\"", None),
         &[place, "neither a pressure nor a trace", "rv_pressure.csv"],
@@ -101,7 +101,7 @@ fn what_is_wrong_with_a_right_ventricle_is_said_with_key_and_line() {
     only(
         &high,
         &[
-            "patient.toml:20: anatomy.mesh.right_ventricle.pressure_mmHg",
+            "patient.toml:20:1: anatomy.mesh.right_ventricle.pressure_mmHg",
             "-10 to 150 mmHg",
         ],
     );
@@ -116,7 +116,7 @@ fn what_is_wrong_with_a_right_ventricle_is_said_with_key_and_line() {
         &["rv.csv", "-10 to 150 mmHg in a right ventricle"],
     );
     let named = of("surface = \"rv\"\npressure_mmHg = 4", None);
-    let place = "patients/P1/patient.toml:19: anatomy.mesh.right_ventricle.surface";
+    let place = "patients/P1/patient.toml:19:1: anatomy.mesh.right_ventricle.surface";
     only(
         &named,
         &[
@@ -137,7 +137,7 @@ fn springs_of_a_surface_that_no_mesh_has_are_said_where_they_are_set() {
     only(
         &of_lung,
         &[
-            "cohort.toml:5: solver.finite_element.wall.surface.lung",
+            "cohort.toml:5:1: solver.finite_element.wall.surface.lung",
             "no surface named lung",
             "endo_rv",
         ],
@@ -154,7 +154,7 @@ fn springs_of_a_surface_that_no_mesh_has_are_said_where_they_are_set() {
     only(
         &said,
         &[
-            "cohort.toml:5: solver.finite_element.wall.surface.lung",
+            "cohort.toml:5:1: solver.finite_element.wall.surface.lung",
             "no mesh of its own",
             "[settings]",
         ],

@@ -8,12 +8,12 @@ use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::patient::PatientFile;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{Fidelity, Settings};
-use cardiotwin_signals::Problem;
+use cardiotwin_signals::{Position, Problem};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::document::Document;
-use super::layers::{COMMAND_LINE, Layer, Merged, Origin, RERUN, line_of, lines};
+use super::layers::{COMMAND_LINE, Layer, Merged, Origin, RERUN, position_of, positions};
 use super::nearest::nearest;
 use super::report::Report;
 use super::{data, mesh, patient, ranges, resolve, shape};
@@ -53,8 +53,8 @@ pub struct Patient {
     pub id: String,
     /// Settings from all layers.
     pub settings: Merged,
-    /// Path of patient.toml, and the line of each of its keys.
-    pub lines: (PathBuf, BTreeMap<String, usize>),
+    /// Path of patient.toml, and the position of each of its keys.
+    pub positions: (PathBuf, BTreeMap<String, Position>),
     /// Content of patient.toml.
     pub file: PatientFile,
     /// Folder that holds patient.toml.
@@ -81,11 +81,14 @@ impl Patient {
         let mut places: Vec<(String, String)> = settings
             .map(|(key, _, origin)| (key, origin.to_string()))
             .collect();
-        let (file, lines) = &self.lines;
-        let own = lines
+        let (file, positions) = &self.positions;
+        let own = positions
             .iter()
             .filter(|(key, _)| ends(key) && !key.starts_with("settings."));
-        places.extend(own.map(|(key, line)| (key.clone(), format!("{}:{line}", file.display()))));
+        places.extend(own.map(|(key, at)| {
+            let place = format!("{}:{}", file.display(), at.line);
+            (key.clone(), place)
+        }));
         places
     }
 }
@@ -110,7 +113,8 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     let file: CohortFile = read_as(&document, None, report)?;
     let cohort_layer = Layer::from_file(&file.layer(), &document, "");
     let defaults = Layer::defaults();
-    let merged = Merged::of([&defaults, &cohort_layer, &command_line]).ok()?;
+    let layers = [&defaults, &cohort_layer, &command_line];
+    let merged = merged(layers, &path, None, report)?;
     complain(&merged, None, report);
     check_defaults(&file, &document, report);
     let folders = patient_folders(directory, &file, &document, report);
@@ -221,14 +225,14 @@ fn load_patient(
     );
     let overrides = layers.overrides.unwrap_or_default();
     // A rerun applies to one patient and overrides settings that apply to all.
-    let settings = Merged::of([
+    let all = [
         layers.defaults,
         layers.cohort,
         &own,
         layers.command_line,
         &overrides,
-    ])
-    .ok()?;
+    ];
+    let settings = merged(all, &document.file, Some(id), report)?;
     complain(&settings, Some((id, &document)), report);
     patient::check_completeness(&file, &settings.settings, &document, report);
     data::check(&file, folder, &document, &cohort.defaults, report);
@@ -248,19 +252,42 @@ fn load_patient(
             report,
         )
     };
-    let lines = (document.file.clone(), lines(&document.root, ""));
+    let positions = (document.file.clone(), positions(&document.root, ""));
     let named = file.id.clone();
     Some((
         Patient {
             id: id.to_owned(),
             settings,
-            lines,
+            positions,
             file,
             folder: folder.to_owned(),
             resolved,
         },
         named,
     ))
+}
+
+/// Merged layers. A value that the settings' type refuses is reported.
+fn merged<'a>(
+    layers: impl IntoIterator<Item = &'a Layer>,
+    file: &Path,
+    patient: Option<&str>,
+    report: &mut Report,
+) -> Option<Merged> {
+    match Merged::of(layers) {
+        Ok(merged) => Some(merged),
+        Err(error) => {
+            let found = format!("settings that cannot be merged ({error})");
+            let problem = Problem::error(
+                file,
+                found,
+                "values of the settings' types",
+                "correct the value",
+            );
+            report.add(patient, problem);
+            None
+        }
+    }
 }
 
 /// A document as its type. Values that do not fit are reported.
@@ -309,20 +336,18 @@ fn complain(merged: &Merged, patient: Option<(&str, &Document)>, report: &mut Re
             Origin::Rerun => true,
             _ => false,
         });
-        let (file, line, prefix) = match origin {
-            Origin::File(file, line) => (
+        let (file, at, prefix) = match origin {
+            Origin::File(file, at) => (
                 file.as_path(),
-                Some(*line),
+                Some(*at),
                 if own.is_some() { "settings." } else { "" },
             ),
             Origin::Rerun => (Path::new(RERUN), None, ""),
             Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None, ""),
         };
         let key = format!("{prefix}{}", complaint.key);
-        let mut problem =
-            Problem::error(file, complaint.found, complaint.expected, complaint.remedy).at_key(key);
-        problem.line = line;
-        report.add(own.map(|(id, _)| id), problem);
+        let problem = Problem::error(file, complaint.found, complaint.expected, complaint.remedy);
+        report.add(own.map(|(id, _)| id), problem.at_key(key).at(at));
     }
 }
 
@@ -336,7 +361,7 @@ fn check_defaults(file: &CohortFile, document: &Document, report: &mut Report) {
                 expected,
                 "correct the value",
             );
-            report.add(None, problem.at_line(line_of(document, key)).at_key(key));
+            report.add(None, problem.at_key(key).at(position_of(document, key)));
         }
     };
     range(
@@ -360,7 +385,7 @@ fn check_defaults(file: &CohortFile, document: &Document, report: &mut Report) {
         );
         report.add(
             None,
-            problem.at_line(line_of(document, "name")).at_key("name"),
+            problem.at_key("name").at(position_of(document, "name")),
         );
     }
 }
@@ -383,17 +408,14 @@ fn patient_folders(
 ) -> Vec<(String, PathBuf)> {
     let parent = inside(directory, &file.patients);
     let here = |found: String, remedy: &str| {
-        let problem = Problem::error(
+        Problem::error(
             &document.file,
             found,
             "a folder with one folder per patient",
             remedy,
         )
-        .at_key("patients");
-        match line_of(document, "patients") {
-            0 => problem,
-            line => problem.at_line(line),
-        }
+        .at_key("patients")
+        .at(position_of(document, "patients"))
     };
     let entries = match std::fs::read_dir(&parent) {
         Ok(entries) => entries,
@@ -461,14 +483,9 @@ fn same_ids(patients: &[(Patient, String)], report: &mut Report) {
         if let Some(other) = first.get(id.as_str()) {
             let found = format!("id {id:?} in the folders {other} and {}", patient.id);
             let remedy = "give each patient its own id, equal to its folder's name";
-            let (file, lines) = &patient.lines;
+            let (file, positions) = &patient.positions;
             let problem = Problem::error(file, found, "each id once", remedy).at_key("id");
-            report.add(
-                None,
-                lines
-                    .get("id")
-                    .map_or(problem.clone(), |line| problem.at_line(*line)),
-            );
+            report.add(None, problem.at(positions.get("id").copied()));
         } else {
             first.insert(id, &patient.id);
         }
@@ -494,8 +511,8 @@ fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<ModelOverlay>
         report.add(
             Some(id),
             problem
-                .at_line(line_of(&document, "patient"))
-                .at_key("patient"),
+                .at_key("patient")
+                .at(position_of(&document, "patient")),
         );
     }
     Some(overlay)

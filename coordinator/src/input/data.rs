@@ -10,7 +10,7 @@ use cardiotwin_signals::{Quantity, Trace};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::document::Document;
-use super::layers::line_of;
+use super::layers::position_of;
 use super::report::Report;
 use super::resolve::left_atrial_pressure;
 
@@ -77,7 +77,7 @@ pub fn check(
         if problem.file == document.file
             && let Some(key) = problem.key.clone()
         {
-            problem.line = Some(line_of(document, &key)).filter(|line| *line > 0);
+            problem = problem.at(position_of(document, &key));
             if key == "preload.left_atrial_pressure_mmHg" && file.preload.is_none() {
                 problem.remedy =
                     "it comes from [defaults] of cohort.toml: give this patient its own [preload]"

@@ -1,18 +1,18 @@
-//! A TOML file as a tree that contains the line of every key.
+//! A TOML file as a tree that contains the position of every key.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_signals::Problem;
+use cardiotwin_signals::{Position, Problem};
 use toml::de::{DeTable, DeValue};
 
 use super::report::Report;
 
-/// A value and the line of its key; line 0 for a value that is not from a file.
+/// A value and the position of its key.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Node {
-    /// Line, counted from 1.
-    pub line: usize,
+    /// Position of the key; `None` for a value that is not from a file.
+    pub at: Option<Position>,
     /// Value of the key.
     pub value: Tree,
 }
@@ -107,13 +107,13 @@ impl Document {
                 "correct it: strings need quotes, numbers do not, and decimals use a point";
             let mut problem = Problem::error(file, found, "TOML", remedy);
             if let Some(span) = error.span() {
-                problem = problem.at_line(lines.line_of(span.start));
+                problem = problem.at(Some(lines.position_of(span.start)));
             }
             report.add(patient, problem);
         }
         let root = Node {
-            line: 1,
-            value: convert_table(table.get_ref(), &lines),
+            at: Some(Position { line: 1, column: 1 }),
+            value: convert_table(table.get_ref(), Some(&lines)),
         };
         Self {
             file: file.to_owned(),
@@ -128,48 +128,16 @@ impl Document {
 #[must_use]
 pub fn value_from_text(text: &str) -> Node {
     match DeValue::parse(text) {
-        Ok(value) => convert(value.get_ref(), 0, &Lines::of(text)).without_lines(),
+        Ok(value) => convert(value.get_ref(), None, None),
         Err(_) => Node {
-            line: 0,
+            at: None,
             value: Tree::Text(text.to_owned()),
         },
     }
 }
 
 impl Node {
-    fn without_lines(mut self) -> Self {
-        self.line = 0;
-        match &mut self.value {
-            Tree::Table(table) => {
-                for node in table.values_mut() {
-                    *node = std::mem::replace(
-                        node,
-                        Node {
-                            line: 0,
-                            value: Tree::Bool(false),
-                        },
-                    )
-                    .without_lines();
-                }
-            }
-            Tree::Array(items) => {
-                for node in items {
-                    *node = std::mem::replace(
-                        node,
-                        Node {
-                            line: 0,
-                            value: Tree::Bool(false),
-                        },
-                    )
-                    .without_lines();
-                }
-            }
-            _ => {}
-        }
-        self
-    }
-
-    /// A JSON value as a tree without lines. `null` values are left out.
+    /// A JSON value as a tree without positions. `null` values are left out.
     #[must_use]
     pub fn from_json(value: &serde_json::Value) -> Option<Self> {
         use serde_json::Value;
@@ -188,40 +156,52 @@ impl Node {
                     .collect(),
             ),
         };
-        Some(Self { line: 0, value })
+        Some(Self { at: None, value })
     }
 }
 
-/// Offsets at which lines begin.
-struct Lines(Vec<usize>);
+/// A text with the offsets at which its lines begin.
+struct Lines<'a> {
+    text: &'a str,
+    starts: Vec<usize>,
+}
 
-impl Lines {
-    fn of(text: &str) -> Self {
+impl<'a> Lines<'a> {
+    fn of(text: &'a str) -> Self {
         let after_newlines = text
             .bytes()
             .enumerate()
             .filter(|(_, b)| *b == b'\n')
             .map(|(i, _)| i + 1);
-        Self(std::iter::once(0).chain(after_newlines).collect())
+        Self {
+            text,
+            starts: std::iter::once(0).chain(after_newlines).collect(),
+        }
     }
 
-    fn line_of(&self, offset: usize) -> usize {
-        self.0.partition_point(|start| *start <= offset)
+    /// Position of a byte offset.
+    fn position_of(&self, offset: usize) -> Position {
+        let line = self.starts.partition_point(|start| *start <= offset);
+        let before = self.text.get(self.starts[line - 1]..offset);
+        Position {
+            line,
+            column: 1 + before.map_or(0, |text| text.chars().count()),
+        }
     }
 }
 
-fn convert_table(table: &DeTable<'_>, lines: &Lines) -> Tree {
+fn convert_table(table: &DeTable<'_>, lines: Option<&Lines<'_>>) -> Tree {
     let entries = table.iter().map(|(key, value)| {
-        let line = lines.line_of(key.span().start);
+        let at = lines.map(|lines| lines.position_of(key.span().start));
         (
             key.get_ref().to_string(),
-            convert(value.get_ref(), line, lines),
+            convert(value.get_ref(), at, lines),
         )
     });
     Tree::Table(entries.collect())
 }
 
-fn convert(value: &DeValue<'_>, line: usize, lines: &Lines) -> Node {
+fn convert(value: &DeValue<'_>, at: Option<Position>, lines: Option<&Lines<'_>>) -> Node {
     let value = match value {
         DeValue::String(text) => Tree::Text(text.to_string()),
         DeValue::Integer(number) => {
@@ -239,12 +219,15 @@ fn convert(value: &DeValue<'_>, line: usize, lines: &Lines) -> Node {
         DeValue::Array(items) => Tree::Array(
             items
                 .iter()
-                .map(|item| convert(item.get_ref(), lines.line_of(item.span().start), lines))
+                .map(|item| {
+                    let at = lines.map(|lines| lines.position_of(item.span().start));
+                    convert(item.get_ref(), at, lines)
+                })
                 .collect(),
         ),
         DeValue::Table(table) => convert_table(table, lines),
     };
-    Node { line, value }
+    Node { at, value }
 }
 
 #[cfg(test)]
@@ -258,24 +241,26 @@ mod tests {
     }
 
     #[test]
-    fn every_key_keeps_its_line() {
+    fn every_key_keeps_its_position() {
         let (document, report) = parse("a = 1\n\n[b]\nc = { d = 2.5 }\ne = [\n  1,\n  2]\n");
         assert!(report.findings().is_empty());
+        let place = |node: &Node| node.at.map(|at| (at.line, at.column));
         let Tree::Table(root) = &document.root.value else {
             panic!()
         };
-        assert_eq!(root["a"].line, 1);
+        assert_eq!(place(&root["a"]), Some((1, 1)));
         let Tree::Table(b) = &root["b"].value else {
             panic!()
         };
         let Tree::Table(c) = &b["c"].value else {
             panic!()
         };
-        assert_eq!((c["d"].line, &c["d"].value), (4, &Tree::Float(2.5)));
+        assert_eq!(place(&c["d"]), Some((4, 7)));
+        assert_eq!(c["d"].value, Tree::Float(2.5));
         let Tree::Array(e) = &b["e"].value else {
             panic!()
         };
-        assert_eq!((b["e"].line, e[1].line), (5, 7));
+        assert_eq!((place(&b["e"]), place(&e[1])), (Some((5, 1)), Some((7, 3))));
     }
 
     #[test]

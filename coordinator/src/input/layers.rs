@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::SettingsLayer;
-use cardiotwin_schemas::settings::Settings;
-use cardiotwin_signals::Problem;
+use cardiotwin_schemas::settings::{Settings, lay_over};
+use cardiotwin_signals::{Position, Problem};
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
 
@@ -23,8 +23,8 @@ pub const RERUN: &str = "rerun";
 pub enum Origin {
     /// Built-in default.
     Default,
-    /// File and line.
-    File(PathBuf, usize),
+    /// File and position of the key.
+    File(PathBuf, Position),
     /// Stored by `cardiotwin rerun`.
     Rerun,
     /// Given with `--set`.
@@ -35,7 +35,7 @@ impl std::fmt::Display for Origin {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Default => f.write_str("default"),
-            Self::File(file, line) => write!(f, "{}:{line}", file.display()),
+            Self::File(file, at) => write!(f, "{}:{}", file.display(), at.line),
             Self::Rerun => f.write_str(RERUN),
             Self::CommandLine => f.write_str(COMMAND_LINE),
         }
@@ -81,17 +81,19 @@ impl Layer {
     /// file.
     #[must_use]
     pub fn from_file(layer: &SettingsLayer, document: &Document, prefix: &str) -> Self {
-        let lines = lines(&document.root, prefix);
+        let positions = positions(&document.root, prefix);
         let value = serde_json::to_value(layer).unwrap_or_default();
+        let first = Position { line: 1, column: 1 };
         Self::of(value, |key| {
-            Origin::File(document.file.clone(), lines.get(key).copied().unwrap_or(1))
+            let at = positions.get(key).copied().unwrap_or(first);
+            Origin::File(document.file.clone(), at)
         })
     }
 
     /// Settings that `rerun` stored for a patient.
     pub fn from_rerun(value: &Value, patient: &str, report: &mut Report) -> Self {
         let root = Node::from_json(value).unwrap_or(Node {
-            line: 0,
+            at: None,
             value: Tree::Table(BTreeMap::new()),
         });
         let document = Document {
@@ -127,7 +129,7 @@ impl Layer {
             }
         }
         let root = Node {
-            line: 0,
+            at: None,
             value: Tree::Table(root),
         };
         let document = Document {
@@ -185,13 +187,12 @@ impl Merged {
     /// # Errors
     /// A layer does not fit [`Settings`]; `fit` has reported the reason.
     pub fn of<'a>(layers: impl IntoIterator<Item = &'a Layer>) -> Result<Self, serde_json::Error> {
-        let mut value = Map::new();
+        let mut value = Value::Object(Map::new());
         let mut origins = BTreeMap::new();
         for layer in layers {
-            merge(&mut value, &layer.value);
+            lay_over(&mut value, &Value::Object(layer.value.clone()));
             origins.extend(layer.origins.clone());
         }
-        let value = Value::Object(value);
         Ok(Self {
             settings: serde_json::from_value(value.clone())?,
             origins,
@@ -231,18 +232,6 @@ impl Merged {
     }
 }
 
-/// Merges tables key by key; other values replace the old ones.
-fn merge(under: &mut Map<String, Value>, over: &Map<String, Value>) {
-    for (key, value) in over {
-        match (under.get_mut(key), value) {
-            (Some(Value::Object(under)), Value::Object(over)) => merge(under, over),
-            (_, value) => {
-                under.insert(key.clone(), value.clone());
-            }
-        }
-    }
-}
-
 fn for_each_leaf(value: &Value, key: &str, visit: &mut impl FnMut(&str, &Value)) {
     match value {
         Value::Object(map) => map
@@ -252,11 +241,11 @@ fn for_each_leaf(value: &Value, key: &str, visit: &mut impl FnMut(&str, &Value))
     }
 }
 
-/// Line of each dotted key below `prefix`.
+/// Position of each dotted key below `prefix`.
 #[must_use]
-pub fn lines(root: &Node, prefix: &str) -> BTreeMap<String, usize> {
-    fn walk(node: &Node, key: &str, out: &mut BTreeMap<String, usize>) {
-        out.insert(key.to_owned(), node.line);
+pub fn positions(root: &Node, prefix: &str) -> BTreeMap<String, Position> {
+    fn walk(node: &Node, key: &str, out: &mut BTreeMap<String, Position>) {
+        out.extend(node.at.map(|at| (key.to_owned(), at)));
         if let Tree::Table(table) = &node.value {
             table
                 .iter()
@@ -277,10 +266,10 @@ pub fn lines(root: &Node, prefix: &str) -> BTreeMap<String, usize> {
     out
 }
 
-/// Line of a dotted key in a document; 0 if the key is absent.
+/// Position of a dotted key in a document; `None` if the key is absent.
 #[must_use]
-pub fn line_of(document: &Document, key: &str) -> usize {
-    lines(&document.root, "").get(key).copied().unwrap_or(0)
+pub fn position_of(document: &Document, key: &str) -> Option<Position> {
+    positions(&document.root, "").get(key).copied()
 }
 
 fn insert(table: &mut BTreeMap<String, Node>, key: &str, value: Node) {
@@ -290,7 +279,7 @@ fn insert(table: &mut BTreeMap<String, Node>, key: &str, value: Node) {
         }
         Some((head, rest)) => {
             let node = table.entry(head.to_owned()).or_insert_with(|| Node {
-                line: 0,
+                at: None,
                 value: Tree::Table(BTreeMap::new()),
             });
             if !matches!(node.value, Tree::Table(_)) {

@@ -17,7 +17,7 @@ use cardiotwin_signals::{BeatBiomarkers, Continuation, Problem, Quantity, Trace,
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::document::Document;
-use super::layers::{COMMAND_LINE, Merged, Origin, RERUN, line_of};
+use super::layers::{COMMAND_LINE, Merged, Origin, RERUN, position_of};
 use super::report::Report;
 
 /// Surfaces of a generated mesh.
@@ -92,11 +92,7 @@ pub fn check(
             .map(|right| right.surface.as_str()),
         sprung: &sprung,
     };
-    let told_at = |mut problem: Problem, key: &str| {
-        problem.key = Some(key.to_owned());
-        problem.line = Some(line_of(document, key)).filter(|line| *line > 0);
-        problem
-    };
+    let told_at = |problem: Problem, key: &str| problem.at_key(key).at(position_of(document, key));
     match intake::read(&path, &asked) {
         Ok(intake) => {
             for defect in &intake.defects {
@@ -153,8 +149,8 @@ fn at_setting(
     [found, expected, remedy]: [&str; 3],
 ) -> Problem {
     let key = format!("{SPRUNG}.{name}");
-    let (file, line) = match settings.origin(&key) {
-        Origin::File(file, line) => (file.as_path(), Some(*line)),
+    let (file, at) = match settings.origin(&key) {
+        Origin::File(file, at) => (file.as_path(), Some(*at)),
         Origin::Rerun => (Path::new(RERUN), None),
         Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None),
     };
@@ -163,10 +159,9 @@ fn at_setting(
     } else {
         ""
     };
-    let mut problem =
-        Problem::error(file, found, expected, remedy).at_key(format!("{prefix}{key}"));
-    problem.line = line;
-    problem
+    Problem::error(file, found, expected, remedy)
+        .at_key(format!("{prefix}{key}"))
+        .at(at)
 }
 
 fn with_ending(path: &Path, ending: &str) -> std::path::PathBuf {

@@ -21,7 +21,6 @@ mod report;
 mod resolve;
 mod search;
 mod shape;
-mod stated_ranges;
 #[cfg(test)]
 mod tests;
 

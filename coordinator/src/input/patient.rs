@@ -10,7 +10,7 @@ use cardiotwin_signals::Problem;
 use cardiotwin_signals::checks::RIGHT_PRESSURE_MMHG;
 
 use super::document::Document;
-use super::layers::line_of;
+use super::layers::position_of;
 use super::report::Report;
 
 /// Longest pseudonym. It appears in tables, in paths and, on a cluster, in job names.
@@ -180,9 +180,10 @@ impl Values<'_> {
         expected: &str,
         remedy: impl Into<String>,
     ) {
-        let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
-        problem.line = Some(line_of(self.document, key)).filter(|line| *line > 0);
-        self.report.add(Some(self.folder), problem);
+        let problem = Problem::error(&self.document.file, found, expected, remedy);
+        let at = position_of(self.document, key);
+        self.report
+            .add(Some(self.folder), problem.at_key(key).at(at));
     }
 
     fn range(&mut self, key: &str, value: Option<f64>, low: f64, high: f64, unit: &str) {

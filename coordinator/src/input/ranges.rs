@@ -1,19 +1,20 @@
-//! Checks for settings that contradict each other and for unknown names of parameters. Ranges of
-//! numbers are in [`stated_ranges`].
+//! Checks of settings: numbers outside the ranges that their types state, settings that contradict
+//! each other, and unknown names of parameters.
 
 use cardiotwin_schemas::biomarkers::{Biomarker, CELL_BIOMARKERS};
 use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::organ::is_parameter;
+use cardiotwin_schemas::ranges::Ranges;
 use cardiotwin_schemas::settings::{CellFitSettings, Settings, SolverSettings, Step1Settings};
 use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::step3::Step3Settings;
 
 use super::external;
 use super::nearest::nearest;
-use super::stated_ranges;
 
 /// A problem of a setting's value.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,10 +32,23 @@ pub struct Complaint {
     pub remedy: String,
 }
 
+static RANGES: LazyLock<Ranges> = LazyLock::new(Ranges::of::<Settings>);
+
 /// All problems of the values of `settings`.
 #[must_use]
 pub fn complaints(settings: &Settings) -> Vec<Complaint> {
-    let mut list = List(stated_ranges::complaints(settings));
+    let outside = RANGES.outside(settings).into_iter();
+    let mut list = List(
+        outside
+            .map(|number| Complaint {
+                key: number.key,
+                against: None,
+                found: number.value.to_string(),
+                expected: number.expected,
+                remedy: "give a value in this range".to_owned(),
+            })
+            .collect(),
+    );
     list.solver(&settings.solver);
     list.step1(&settings.step1);
     list.step2(&settings.step2);
@@ -395,6 +409,47 @@ mod tests {
     use cardiotwin_schemas::muscle::PassiveTissueSettings;
 
     use super::*;
+
+    /// Numbers without a range of their own: pairs that are compared with each
+    /// other, seeds, and settings of a site.
+    const FREE: [&str; 9] = [
+        "step1.bounds",
+        "step2.bounds",
+        "step2.frozen",
+        "step2.initial",
+        "step2.mutation",
+        "step2.seed",
+        "step3.bounds",
+        "executor.slurm",
+        "solver.external",
+    ];
+
+    #[test]
+    fn every_number_among_the_settings_states_its_range() {
+        assert_eq!(RANGES.unstated(&FREE), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_value_outside_its_range_is_told_with_the_range() {
+        let mut settings = Settings::default();
+        settings.step1.damping = 1.5;
+        settings.step1.max_iterations = 0;
+        settings.solver.slack_stretch = f64::NAN;
+        settings.step1.weights.insert("SV_mL".into(), -1.0);
+        let told: Vec<String> = complaints(&settings)
+            .into_iter()
+            .map(|c| format!("{}: {} is not {}", c.key, c.found, c.expected))
+            .collect();
+        assert_eq!(
+            told,
+            [
+                "solver.slack_stretch: NaN is not a number from 0.8 to 1.3",
+                "step1.damping: 1.5 is not a number above 0, up to 1",
+                "step1.max_iterations: 0 is not an integer from 1 to 10000",
+                "step1.weights.SV_mL: -1 is not a number from 0 to 1000000",
+            ]
+        );
+    }
 
     fn keys(change: impl FnOnce(&mut Settings)) -> Vec<String> {
         let mut settings = Settings::default();

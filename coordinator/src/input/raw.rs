@@ -12,7 +12,7 @@ use cardiotwin_signals::Problem;
 
 use super::cohort::read_as;
 use super::document::Document;
-use super::layers::line_of;
+use super::layers::position_of;
 use super::report::Report;
 
 /// Name of the folder's settings file.
@@ -83,9 +83,9 @@ impl Reader<'_> {
         expected: impl Into<String>,
         remedy: impl Into<String>,
     ) {
-        let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
-        problem.line = Some(line_of(self.document, key)).filter(|line| *line > 0);
-        self.report.add(None, problem);
+        let problem = Problem::error(&self.document.file, found, expected, remedy);
+        let at = position_of(self.document, key);
+        self.report.add(None, problem.at_key(key).at(at));
     }
 
     fn range(&mut self, key: &str, value: Option<f64>, low: f64, high: f64, unit: &str) {

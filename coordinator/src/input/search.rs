@@ -23,7 +23,7 @@ pub fn specification(
         if let Some(file) = file {
             return hash(name, &patient.folder.join(file), &patient.id, report);
         }
-        let path = &patient.lines.0;
+        let path = &patient.positions.0;
         let remedy =
             format!("add `{name} = \"{name}.csv\"` to [measured], or leave this patient out");
         let expected = "both pressure and volume, since a search compares traces, not biomarkers";

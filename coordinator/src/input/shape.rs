@@ -3,7 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_signals::Problem;
+use cardiotwin_schemas::ranges::Range;
+use cardiotwin_signals::{Position, Problem};
 use serde_json::{Map, Value};
 
 use super::document::{Document, Node, Tree};
@@ -40,10 +41,17 @@ struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    fn problem(&mut self, line: usize, key: &str, found: String, expected: String, remedy: String) {
-        let mut problem = Problem::error(&self.document.file, found, expected, remedy).at_key(key);
-        problem.line = (line > 0).then_some(line);
-        self.report.add_and_break(self.patient, problem);
+    fn problem(
+        &mut self,
+        at: Option<Position>,
+        key: &str,
+        found: String,
+        expected: String,
+        remedy: String,
+    ) {
+        let problem = Problem::error(&self.document.file, found, expected, remedy);
+        self.report
+            .add_and_break(self.patient, problem.at_key(key).at(at));
     }
 
     /// The value if it fits; otherwise `None`, with the reason in the report.
@@ -55,7 +63,7 @@ impl<'a> Walk<'a> {
             .and_then(type_name)
             .unwrap_or(if choices.is_empty() { "any" } else { "string" });
         match (&node.value, kind) {
-            (Tree::Table(table), "object") => Some(self.table(node.line, table, schema, key)),
+            (Tree::Table(table), "object") => Some(self.table(node.at, table, schema, key)),
             (Tree::Array(items), "array") => self.array(node, items, schema, key),
             (Tree::Text(text), "string") => {
                 if choices.is_empty() || choices.contains(&text.as_str()) {
@@ -67,7 +75,7 @@ impl<'a> Walk<'a> {
                 });
                 let expected = format!("one of {}", quoted(&choices));
                 self.problem(
-                    node.line,
+                    node.at,
                     key,
                     format!("the string {text:?}"),
                     expected,
@@ -77,17 +85,15 @@ impl<'a> Walk<'a> {
             }
             (Tree::Bool(value), "boolean") => Some(Value::Bool(*value)),
             (Tree::Integer(number), "integer") => {
-                if schema
-                    .get("minimum")
-                    .and_then(Value::as_f64)
-                    .is_some_and(|least| (*number as f64) < least)
-                {
+                // A number outside its range may not fit the type of its field.
+                let range = Range::of(schema);
+                if !range.contains(*number as f64) {
                     self.problem(
-                        node.line,
+                        node.at,
                         key,
                         number.to_string(),
-                        "an integer of 0 or more".to_owned(),
-                        "give a number that is not negative".to_owned(),
+                        range.expected(),
+                        "give a value in this range".to_owned(),
                     );
                     return None;
                 }
@@ -99,7 +105,7 @@ impl<'a> Walk<'a> {
                 if value.is_none() {
                     let remedy = "give a finite number, or remove the key".to_owned();
                     self.problem(
-                        node.line,
+                        node.at,
                         key,
                         number.to_string(),
                         "a finite number".to_owned(),
@@ -118,7 +124,7 @@ impl<'a> Walk<'a> {
                     _ => format!("give {}", kind_in_words(kind, &choices)),
                 };
                 self.problem(
-                    node.line,
+                    node.at,
                     key,
                     found.describe(),
                     kind_in_words(kind, &choices),
@@ -131,7 +137,7 @@ impl<'a> Walk<'a> {
 
     fn table(
         &mut self,
-        line: usize,
+        at: Option<Position>,
         table: &BTreeMap<String, Node>,
         schema: &'a Value,
         key: &str,
@@ -173,7 +179,7 @@ impl<'a> Walk<'a> {
                 None => format!("one of {}", quoted(&known)),
             };
             self.problem(
-                node.line,
+                node.at,
                 &inner,
                 "an unknown key".to_owned(),
                 expected,
@@ -195,7 +201,7 @@ impl<'a> Walk<'a> {
             };
             let inner_schema = self.resolve(property);
             if !table.contains_key(name) && self.document.sound {
-                self.missing(line, &join(key, name), name, property);
+                self.missing(at, &join(key, name), name, property);
             }
             self.report.break_key(&self.document.file, &join(key, name));
             out.insert(name.to_owned(), placeholder(inner_schema));
@@ -203,7 +209,7 @@ impl<'a> Walk<'a> {
         Value::Object(out)
     }
 
-    fn missing(&mut self, line: usize, key: &str, name: &str, property: &'a Value) {
+    fn missing(&mut self, at: Option<Position>, key: &str, name: &str, property: &'a Value) {
         let schema = self.resolve(property);
         let kind = schema.get("type").and_then(type_name).unwrap_or("any");
         let meaning = [property, schema]
@@ -213,7 +219,7 @@ impl<'a> Walk<'a> {
         let sentence = meaning.split(['.', ';', ':']).next().unwrap_or_default();
         let expected = kind_in_words(kind, &choices(schema));
         self.problem(
-            line,
+            at,
             key,
             "no such key".to_owned(),
             expected,
@@ -243,7 +249,7 @@ impl<'a> Walk<'a> {
             };
             let remedy = "write [lower, upper]".to_owned();
             self.problem(
-                node.line,
+                node.at,
                 key,
                 format!("a list of {}", items.len()),
                 expected,

@@ -12,6 +12,7 @@ pub mod failure_cause;
 pub mod findings;
 pub mod label;
 pub mod passive_law;
+pub mod ranges;
 pub mod statistics;
 pub mod step1;
 pub mod step1_settings;

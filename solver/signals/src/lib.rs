@@ -22,7 +22,7 @@ pub use active_stress::{ActiveStressBiomarkers, CalciumDurations};
 pub use biomarkers::{BeatBiomarkers, BiomarkerError, Flag};
 pub use cardiotwin_vocabulary::biomarkers::NoiseWindows;
 pub use cycle::Continuation;
-pub use problem::{Problem, Severity};
+pub use problem::{Position, Problem, Severity};
 pub use read::{Origin, Reading, parse_trace, parse_trace_from, read_trace, read_trace_from};
 pub use resample::resample;
 pub use trace::{Quantity, Trace, TraceError};

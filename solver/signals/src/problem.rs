@@ -13,6 +13,15 @@ pub enum Severity {
     Warning,
 }
 
+/// Place in a text file, counted from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Position {
+    /// Line.
+    pub line: usize,
+    /// Character in the line.
+    pub column: usize,
+}
+
 /// A problem of a file, ready to be printed or stored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Problem {
@@ -23,6 +32,9 @@ pub struct Problem {
     /// Its line, from 1, where the problem has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<usize>,
+    /// Its character in the line, from 1, where the problem has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub column: Option<usize>,
     /// Column of a CSV file or key of a TOML file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
@@ -47,6 +59,7 @@ impl Problem {
             severity: Severity::Error,
             file: file.to_owned(),
             line: None,
+            column: None,
             key: None,
             found: found.into(),
             expected: expected.into(),
@@ -75,6 +88,25 @@ impl Problem {
         self
     }
 
+    /// The same problem at a place, or without one.
+    #[must_use]
+    pub fn at(mut self, position: Option<Position>) -> Self {
+        self.line = position.map(|at| at.line);
+        self.column = position.map(|at| at.column);
+        self
+    }
+
+    /// File, line and column as far as they are known: `cohort.toml:7:1`, which editors and
+    /// terminals open.
+    #[must_use]
+    pub fn place(&self) -> String {
+        let mut place = self.file.display().to_string();
+        for number in [self.line, self.column].into_iter().flatten() {
+            place.push_str(&format!(":{number}"));
+        }
+        place
+    }
+
     /// The same problem at a column or key.
     #[must_use]
     pub fn at_key(mut self, key: impl Into<String>) -> Self {
@@ -95,10 +127,7 @@ impl std::fmt::Display for Problem {
             Severity::Error => "error",
             Severity::Warning => "warning",
         };
-        write!(f, "{severity}: {}", self.file.display())?;
-        if let Some(line) = self.line {
-            write!(f, ":{line}")?;
-        }
+        write!(f, "{severity}: {}", self.place())?;
         if let Some(key) = &self.key {
             write!(f, ": {key}")?;
         }

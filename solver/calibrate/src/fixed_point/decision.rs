@@ -168,11 +168,11 @@ pub enum FixedPointError {
     #[error("setting {key} is {value}, but must be {expected}")]
     Setting {
         /// Key of the setting.
-        key: &'static str,
+        key: String,
         /// Value found.
         value: f64,
         /// Expected range.
-        expected: &'static str,
+        expected: String,
     },
     /// An interval of a parameter whose ends are not positive, finite and in order.
     #[error(

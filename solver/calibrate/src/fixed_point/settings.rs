@@ -1,6 +1,9 @@
 //! Checks of step 1's settings, and the stop rule and weights that follow from the kind of update.
 
+use std::sync::LazyLock;
+
 use super::{FixedPointError, Weights};
+use cardiotwin_vocabulary::ranges::Ranges;
 use cardiotwin_vocabulary::step1::Step1Parameter;
 use cardiotwin_vocabulary::step1_settings::{Step1Settings, StopRule, Update};
 
@@ -36,49 +39,20 @@ pub(super) fn weights(settings: &Step1Settings) -> Result<Weights, FixedPointErr
     }
 }
 
-/// Checks the settings.
+static RANGES: LazyLock<Ranges> = LazyLock::new(Ranges::of::<Step1Settings>);
+
+/// Checks the settings against the ranges that their type states, and the bounds.
 ///
 /// # Errors
 /// [`FixedPointError`] with the setting, its value and the expected range.
 pub fn validate(settings: &Step1Settings) -> Result<(), FixedPointError> {
-    let setting = |key, value: f64, ok: bool, expected| {
-        if ok {
-            Ok(())
-        } else {
-            Err(FixedPointError::Setting {
-                key,
-                value,
-                expected,
-            })
-        }
-    };
-    setting(
-        "tolerance",
-        settings.tolerance,
-        settings.tolerance > 0.0 && settings.tolerance.is_finite(),
-        "positive",
-    )?;
-    setting(
-        "damping",
-        settings.damping,
-        settings.damping > 0.0 && settings.damping <= 1.0,
-        "above 0 and at most 1",
-    )?;
-    setting(
-        "max_iterations",
-        f64::from(settings.max_iterations),
-        settings.max_iterations > 0,
-        "at least 1",
-    )?;
-    let n = settings.stall_iterations;
-    setting("stall_iterations", f64::from(n), n > 0, "at least 1")?;
-    let f = settings.stall_improvement;
-    setting(
-        "stall_improvement",
-        f,
-        (0.0..1.0).contains(&f),
-        "at least 0 and below 1",
-    )?;
+    if let Some(outside) = RANGES.outside(settings).into_iter().next() {
+        return Err(FixedPointError::Setting {
+            key: outside.key,
+            value: outside.value,
+            expected: outside.expected,
+        });
+    }
     let named = settings.bounds.keys().chain(&settings.frozen);
     for name in named {
         if Step1Parameter::named(name).is_none() {

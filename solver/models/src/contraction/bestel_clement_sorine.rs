@@ -165,9 +165,9 @@ mod tests {
     fn long_after_the_switches_rise_and_fall_are_those_of_the_rates() {
         let fine = beat(0.1);
         let at = |ms: f64| fine[((ms + 100.0) * 10.0).round() as usize - 1];
-        // Between 50 and 300 ms the activation is α_max: the distance to σ₀ shrinks by e^{−α_max t}.
-        let rise = (150.0 - at(300.0)) / (150.0 - at(50.0));
-        assert!((rise - (-5e-3_f64 * 250.0).exp()).abs() < 1e-6, "{rise}");
+        // Between 50 and 250 ms the activation is α_max: the distance to σ₀ shrinks by e^{−α_max t}.
+        let rise = (150.0 - at(250.0)) / (150.0 - at(50.0));
+        assert!((rise - (-5e-3_f64 * 200.0).exp()).abs() < 1e-6, "{rise}");
         let fall = at(420.0) / at(370.0);
         assert!((fall - (-30e-3_f64 * 50.0).exp()).abs() < 1e-6, "{fall}");
     }
