@@ -1,7 +1,7 @@
 //! Active stress of Bestel, Clément and Sorine as the benchmark of Aróstica et al. 2025 uses it: a first-order law whose
 //! rate an activation function switches between rise and fall. It does not depend on the stretch.
 
-use super::catalogue::{ContractionModel, ModelParameter};
+use super::declaration::{ContractionModel, ModelParameter};
 use super::{ActiveStress, Contraction, ContractionError, NodeStep};
 use crate::parameter::Domain;
 

@@ -3,10 +3,8 @@
 //! Step 1 fits [`Tanh`](super::Tanh) and step 2 fits [`Land2017`](super::Land2017); both have their own place in a beat's
 //! specification. Every other model is one file with its declaration ([`ContractionModel`]) and one line of [`CATALOGUE`].
 
-use std::collections::BTreeMap;
-
-use super::{Contraction, ContractionError};
-use crate::parameter::Domain;
+use super::ContractionError;
+use super::declaration::ContractionModel;
 
 /// Declares [`CATALOGUE`] from the names of the models' files.
 macro_rules! catalogue {
@@ -18,74 +16,6 @@ macro_rules! catalogue {
 
 catalogue! {
     bestel_clement_sorine;
-}
-
-/// An entry of the catalogue.
-#[derive(Debug, Clone, Copy)]
-pub struct ContractionModel {
-    /// Name in files and on the command line.
-    pub name: &'static str,
-    /// Meaning, in one sentence.
-    pub meaning: &'static str,
-    /// Equation as computed.
-    pub equation: &'static str,
-    /// Literature source.
-    pub source: &'static str,
-    /// Parameters, in the order in which `build` takes their values.
-    pub parameters: &'static [ModelParameter],
-    /// Makes the model from one value for each parameter.
-    pub build: fn(&[f64]) -> Box<dyn Contraction>,
-}
-
-/// One parameter of a model in the catalogue.
-#[derive(Debug, Clone, Copy)]
-pub struct ModelParameter {
-    /// Key in files, which ends with the unit where there is one.
-    pub name: &'static str,
-    /// Meaning of the parameter.
-    pub meaning: &'static str,
-    /// Value if a specification gives none.
-    pub default: f64,
-    /// Values that the equations admit.
-    pub domain: Domain,
-}
-
-impl ContractionModel {
-    /// The model with parameters by name; absent parameters have their default.
-    ///
-    /// # Errors
-    /// [`ContractionError::UnknownParameter`] for a name that the model lacks, [`ContractionError::Parameter`] for a value
-    /// that its equations do not admit.
-    pub fn with(
-        &self,
-        parameters: &BTreeMap<String, f64>,
-    ) -> Result<Box<dyn Contraction>, ContractionError> {
-        let is_known = |key: &String| self.parameters.iter().any(|p| p.name == key);
-        if let Some(found) = parameters.keys().find(|key| !is_known(key)) {
-            let names: Vec<_> = self.parameters.iter().map(|p| p.name).collect();
-            return Err(ContractionError::UnknownParameter {
-                model: self.name,
-                found: found.clone(),
-                expected: names.join(", "),
-            });
-        }
-        let mut values = Vec::with_capacity(self.parameters.len());
-        for parameter in self.parameters {
-            let value = parameters
-                .get(parameter.name)
-                .copied()
-                .unwrap_or(parameter.default);
-            if !parameter.domain.contains(value) {
-                return Err(ContractionError::Parameter {
-                    name: parameter.name,
-                    value,
-                    expected: parameter.domain.expected(),
-                });
-            }
-            values.push(value);
-        }
-        Ok((self.build)(&values))
-    }
 }
 
 /// Finds a model by its name.
@@ -108,8 +38,11 @@ pub fn find(name: &str) -> Result<&'static ContractionModel, ContractionError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::NodeStep;
+    use std::collections::BTreeMap;
+
+    use super::super::{Contraction, NodeStep};
     use super::*;
+    use crate::parameter::Domain;
 
     /// Stresses \[kPa\] of a beat of 800 ms at a constant stretch, one a millisecond.
     fn beat(model: &dyn Contraction) -> Vec<f64> {

@@ -6,11 +6,12 @@
 
 mod bestel_clement_sorine;
 pub mod catalogue;
+mod declaration;
 pub mod land2017;
 mod reference;
 pub mod tanh;
 
-pub use catalogue::{ContractionModel, ModelParameter};
+pub use declaration::{ContractionModel, ModelParameter};
 pub use land2017::{LAMBDA_CAP, Land2017, Land2017Parameters};
 pub use reference::StretchReference;
 pub use tanh::{Tanh, TanhParameters};
