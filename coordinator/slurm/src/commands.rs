@@ -47,7 +47,7 @@ impl Command {
     }
 }
 
-/// Submits a script.
+/// Command that submits a script and prints only the number of the job.
 #[must_use]
 pub fn submit(script: &str) -> Command {
     Command::new("sbatch", ["--parsable", script])

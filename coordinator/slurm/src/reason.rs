@@ -22,7 +22,7 @@ pub enum WaitsFor {
 pub struct Why {
     /// Explanation for a person, in lower case and without a full stop.
     pub words: String,
-    /// Basis of decisions.
+    /// Event that lets the job start; decisions depend on it, not on the words.
     pub waits_for: WaitsFor,
 }
 

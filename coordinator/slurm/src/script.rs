@@ -22,13 +22,13 @@ pub struct Job {
     pub walltime_s: u64,
     /// Time between the warning and the end of the job, s. Slurm may warn up to 60 s too early.
     pub warning_s: u64,
-    /// Number of nodes.
+    /// Number of nodes of a job, or of each element of an array.
     pub n_nodes: u32,
     /// Number of cores on a queue that gives single cores; otherwise whole nodes are taken.
     pub n_cores: u32,
     /// Memory of a node, MiB, on a queue that gives single cores.
     pub memory_mib: Option<u64>,
-    /// Nodes to avoid.
+    /// Names of nodes on which the job must not run, such as nodes that failed before.
     pub exclude: Vec<String>,
     /// Array; `None` for a single job.
     pub array: Option<Array>,
@@ -39,7 +39,7 @@ pub struct Job {
 /// An array with indices from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Array {
-    /// Number of elements.
+    /// Number of elements, with indices 0 to `n` − 1.
     pub n: u32,
     /// Largest number of elements at once; `None` means no throttle.
     pub at_once: Option<u32>,
@@ -51,7 +51,7 @@ pub enum Work {
     /// One command, run once on every node: a worker that itself uses every core of its node. The
     /// index of the array is in `SLURM_ARRAY_TASK_ID`.
     PerNode {
-        /// Program and arguments.
+        /// Path of the program, then its arguments.
         command: Vec<String>,
     },
     /// Many MPI steps, in parallel as far as they fit, and the others as places become free.
@@ -68,7 +68,7 @@ pub enum Work {
 /// One step of a bundle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
-    /// Program and arguments.
+    /// Path of the program, then its arguments.
     pub command: Vec<String>,
     /// Expected duration, s. The step is not started if less time is left before the warning.
     pub predicted_s: u64,
@@ -84,7 +84,7 @@ pub enum ScriptError {
     Text {
         /// Name of the text.
         what: &'static str,
-        /// Rejected text.
+        /// Text as it was given.
         found: String,
         /// Reason why it cannot be part of a script.
         why: &'static str,
@@ -102,7 +102,7 @@ pub enum ScriptError {
         name: String,
         /// Name of the measure.
         what: &'static str,
-        /// Requested value.
+        /// Amount that the job requests of this measure.
         asked: u64,
         /// Name of the queue.
         queue: String,

@@ -25,9 +25,9 @@ pub enum SiteError {
         file: String,
         /// Name of the key.
         key: String,
-        /// Found value.
+        /// Value as the profile gives it.
         found: String,
-        /// Expected range.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
 }
@@ -36,9 +36,9 @@ pub enum SiteError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Unit {
-    /// Whole nodes.
+    /// A job gets whole nodes and is charged for all their cores.
     Node,
-    /// Cores of a node.
+    /// A job can get some of a node's cores.
     Core,
 }
 
@@ -46,7 +46,7 @@ pub enum Unit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheduler {
-    /// Slurm.
+    /// Slurm: tasks run in batch jobs.
     Slurm,
     /// No scheduler: tasks run on this machine with the local executor.
     Local,
@@ -106,7 +106,7 @@ pub struct Node {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Use {
-    /// 3D simulations.
+    /// Multi-node jobs of 3D simulations.
     Simulations,
     /// Chunks of 0D work.
     Chunks,
@@ -126,9 +126,9 @@ pub struct Queue {
     pub qos: Option<String>,
     /// Uses of the queue.
     pub uses: Vec<Use>,
-    /// Longest walltime, `D-HH:MM:SS`.
+    /// Longest walltime of a job, as `D-HH:MM:SS`.
     pub walltime: String,
-    /// Shortest walltime, `D-HH:MM:SS`.
+    /// Shortest walltime of a job, as `D-HH:MM:SS`.
     pub least_walltime: Option<String>,
     /// Largest number of a user's jobs that are queued or running. An element of an array counts as
     /// a job.
@@ -209,9 +209,9 @@ impl Default for Launcher {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Poll {
-    /// Shortest pause, s.
+    /// Shortest pause, taken while jobs change their states \[s\].
     pub shortest_s: u64,
-    /// Longest pause, reached when nothing changes, s.
+    /// Longest pause, reached when nothing changes \[s\].
     pub longest_s: u64,
 }
 
@@ -225,13 +225,13 @@ impl Default for Poll {
 }
 
 impl Queue {
-    /// Longest walltime, s.
+    /// Longest walltime of a job \[s\].
     #[must_use]
     pub fn walltime_s(&self) -> u64 {
         seconds(&self.walltime).unwrap_or(0) // checked by `read`
     }
 
-    /// Shortest walltime, s.
+    /// Shortest walltime of a job \[s\]; 0 if the queue has no such limit.
     #[must_use]
     pub fn least_walltime_s(&self) -> u64 {
         self.least_walltime

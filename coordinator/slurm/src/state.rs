@@ -14,7 +14,7 @@ macro_rules! states {
         }
 
         impl SlurmState {
-            /// Every listed state.
+            /// Every state of the manual pages, without [`Self::Unlisted`].
             pub const LISTED: &'static [Self] = &[$(Self::$name),*];
 
             /// Reads a state's long or short name. sacct appends the canceller (`CANCELLED by
@@ -98,7 +98,7 @@ states! {
     ResvDelHold = "RESV_DEL_HOLD" / "RD": Bearing::Waiting,
     /// Is being requeued by a federation.
     RequeueFed = "REQUEUE_FED" / "RF": Bearing::Waiting,
-    /// Requeued and held.
+    /// Queued again after a run, and held until a person releases it.
     RequeueHold = "REQUEUE_HOLD" / "RH": Bearing::Waiting,
     /// Ending, to be queued again under the same number.
     Requeued = "REQUEUED" / "RQ": Bearing::Waiting,
@@ -106,7 +106,7 @@ states! {
     Resizing = "RESIZING" / "RS": Bearing::Running,
     /// Taken over by another cluster of a federation.
     Revoked = "REVOKED" / "RV": Bearing::Unclear,
-    /// Is being signalled.
+    /// Receives a signal from Slurm while it runs.
     Signaling = "SIGNALING" / "SI": Bearing::Running,
     /// Requeued in a special state, held.
     SpecialExit = "SPECIAL_EXIT" / "SE": Bearing::Waiting,

@@ -6,9 +6,9 @@ use crate::job::number;
 /// A limit on time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Limit {
-    /// Number of seconds.
+    /// A limit in seconds.
     Seconds(u64),
-    /// No limit.
+    /// The word `UNLIMITED`.
     Unlimited,
 }
 

@@ -42,11 +42,11 @@ pub struct AccountingRow {
     pub start: Option<i64>,
     /// Time of the end, seconds since 1970.
     pub end: Option<i64>,
-    /// Elapsed time, s.
+    /// Time from start to end, or until now for a running job \[s\]; `None` if it cannot be read.
     pub elapsed_s: Option<u64>,
-    /// Number of nodes.
+    /// Number of nodes that the job was given; `None` if it cannot be read.
     pub n_nodes: Option<u32>,
-    /// Number of cores.
+    /// Number of cores that the job was given on all its nodes; `None` if it cannot be read.
     pub n_cores: Option<u32>,
     /// Names of the nodes in Slurm's compressed notation; empty if none were assigned.
     pub nodes: String,

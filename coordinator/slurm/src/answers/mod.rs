@@ -35,7 +35,7 @@ pub struct Output {
 /// Reason why an output is no answer. The state of the jobs is then unknown, not empty.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoAnswer {
-    /// The command failed.
+    /// The command ended with an exit code other than 0, by a signal, or at its time limit.
     #[error("{command} failed ({}): {said}", ended(*.exit))]
     Failed {
         /// Name of the command.
@@ -156,7 +156,7 @@ fn first_line(text: &str) -> &str {
 pub(crate) mod recorded {
     use super::{Exit, Output};
 
-    /// Reads `tests/recorded/NAME.txt`.
+    /// Exit code and output of a command, read from `tests/recorded/NAME.txt`.
     pub fn output(name: &str) -> Output {
         let file = format!("{}/tests/recorded/{name}.txt", env!("CARGO_MANIFEST_DIR"));
         let text =

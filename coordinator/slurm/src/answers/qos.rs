@@ -16,11 +16,11 @@ const ASSOCIATION_HEADER: &str = "Cluster|Account|Partition|QOS|Def QOS|MaxSubmi
 /// Limits on resources; `None` means no limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Amounts {
-    /// Number of nodes.
+    /// Limit on the number of nodes.
     pub nodes: Option<u32>,
-    /// Number of cores.
+    /// Limit on the number of cores.
     pub cores: Option<u32>,
-    /// Memory, MiB.
+    /// Limit on the memory \[MiB\].
     pub memory_mib: Option<u64>,
 }
 
@@ -58,7 +58,7 @@ pub struct AssociationRow {
     pub account: String,
     /// Name of the partition; `None` if the association holds in all of them.
     pub partition: Option<String>,
-    /// Allowed QoS.
+    /// Names of the QoS in which the user may submit to this account.
     pub qos: Vec<String>,
     /// QoS of jobs that do not name one.
     pub default_qos: Option<String>,

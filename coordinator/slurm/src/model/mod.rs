@@ -18,9 +18,9 @@ use crate::state::{Bearing, SlurmState};
 /// Behaviour of a job's processes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behaviour {
-    /// Duration, s.
+    /// Time after which they end by themselves \[s\].
     pub seconds: i64,
-    /// Exit code.
+    /// Exit code with which they end.
     pub code: u8,
     /// Signal that ends them, or 0 for none; 125 stands for out of memory.
     pub signal: u8,

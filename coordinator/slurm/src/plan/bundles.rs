@@ -12,7 +12,7 @@ pub struct Simulation {
     pub task: String,
     /// Number of ranks, with one core each.
     pub ranks: u32,
-    /// Expected duration, s.
+    /// Expected duration on its ranks \[s\].
     pub predicted_s: f64,
     /// Whether it writes checkpoints. Only then may it be longer than a job.
     pub has_checkpoints: bool,
@@ -39,7 +39,7 @@ pub struct Bundle {
     pub ranks: u32,
     /// Places of the bundle.
     pub lanes: Vec<Lane>,
-    /// Walltime, s.
+    /// Walltime to request for the whole job \[s\].
     pub walltime_s: u64,
     /// Whether it belongs to this wave. Other jobs are submitted once earlier ones have ended.
     pub now: bool,

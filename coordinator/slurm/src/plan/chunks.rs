@@ -10,7 +10,7 @@ use crate::site::{Queue, Site, Unit};
 /// gives valid indices.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sweep {
-    /// Number of blocks.
+    /// Number of blocks that are still to be computed.
     pub n_blocks: u64,
     /// Number of samples in each block.
     pub samples_per_block: u64,
@@ -23,7 +23,7 @@ pub struct Sweep {
 pub struct Chunks {
     /// Number of blocks in each chunk.
     pub blocks_per_chunk: u64,
-    /// Number of chunks.
+    /// Number of chunks into which all blocks go.
     pub n_chunks: u64,
     /// Number of cores of each chunk.
     pub cores: u32,
@@ -43,7 +43,7 @@ pub struct Chunks {
 pub struct ChunkArray {
     /// Index of the chunk of element 0.
     pub first: u64,
-    /// Number of elements.
+    /// Number of elements, each of which computes one chunk; 1 for a single job.
     pub n: u32,
     /// Largest number of elements at once; `None` means no throttle.
     pub at_once: Option<u32>,

@@ -71,9 +71,9 @@ pub enum PlanError {
     Value {
         /// Name of the number.
         what: &'static str,
-        /// Found value.
+        /// Number that was given.
         found: f64,
-        /// Expected range.
+        /// Range of admissible numbers, in words.
         expected: &'static str,
     },
 }
@@ -131,7 +131,6 @@ fn check(choices: &Choices) -> Result<(), PlanError> {
     })
 }
 
-/// Checks a duration.
 fn check_time(what: &'static str, seconds: f64) -> Result<(), PlanError> {
     if seconds.is_finite() && seconds > 0.0 {
         return Ok(());
