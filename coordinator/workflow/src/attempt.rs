@@ -114,7 +114,7 @@ pub enum AttemptEvent {
         /// Time of this observation, milliseconds since 1970.
         since_ms: i64,
     },
-    /// The attempt ended.
+    /// The attempt has no process any more, and its ending is known.
     Ended {
         /// Success, failure or interruption of the attempt.
         how: AttemptEnding,

@@ -61,7 +61,7 @@ pub struct Chain {
 /// One simulation of step 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ChainIteration {
-    /// Simulated parameters.
+    /// Parameters of the Tanh model and the valves with which the organ was simulated.
     pub parameters: Step1Parameters,
     /// Key of the task.
     pub task: TaskKey,
@@ -97,9 +97,9 @@ pub struct ChainProposal {
     pub iteration: u32,
     /// Key of the task.
     pub task: TaskKey,
-    /// Predicted cost.
+    /// Cost that the corrected one-fibre ventricle predicts for the simulation, without weights.
     pub predicted_cost: f64,
-    /// Predicted misfit, with the weights of the step.
+    /// Misfit that it predicts, with the weights of the step.
     #[serde(default)]
     pub predicted_misfit: f64,
 }

@@ -135,7 +135,7 @@ pub enum JobEvent {
         /// Reason, for a person.
         why: String,
     },
-    /// An element ended.
+    /// An element has no process any more, and its ending is known.
     Ended {
         /// Index of the element.
         element: usize,

@@ -124,7 +124,7 @@ impl FromStr for Stage {
 /// no-ops are numbered from 1; any other stage has one task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Step {
-    /// The stage.
+    /// Stage of the chain to which the task belongs.
     pub stage: Stage,
     /// Number within the stage, from 1.
     pub number: u32,

@@ -32,7 +32,7 @@ use crate::patient::{Stage, Step};
 pub enum Settled<'a> {
     /// The task has a result.
     Published {
-        /// The result.
+        /// Result of the published attempt.
         result: &'a TaskResult,
         /// Files of the published attempt.
         artefacts: &'a [Artefact],
