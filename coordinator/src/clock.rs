@@ -9,7 +9,7 @@ pub use cardiotwin_schemas::time::utc_text;
 /// The clock of an engine: the wall clock, or one that a test sets.
 #[derive(Debug, Clone, Default)]
 pub enum Clock {
-    /// The wall clock.
+    /// The clock of the operating system.
     #[default]
     Wall,
     /// A clock that stands still until it is moved. Its clones move together.
@@ -30,7 +30,7 @@ impl Clock {
         }
     }
 
-    /// Milliseconds since 1970-01-01T00:00:00Z.
+    /// Present time of this clock, milliseconds since 1970-01-01T00:00:00Z.
     #[must_use]
     pub fn now_ms(&self) -> i64 {
         match self {
@@ -40,7 +40,7 @@ impl Clock {
     }
 }
 
-/// Milliseconds since 1970-01-01T00:00:00Z.
+/// Present time of the operating system, milliseconds since 1970-01-01T00:00:00Z.
 #[must_use]
 pub fn now_ms() -> i64 {
     let since = SystemTime::now()

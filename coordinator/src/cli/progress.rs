@@ -70,7 +70,7 @@ impl Watcher {
         }
     }
 
-    /// Removes the bars.
+    /// Clears the bars from the terminal at the end of the run.
     pub fn finish(self) {
         if let Some(bars) = self.bars {
             bars.patients

@@ -23,13 +23,13 @@ pub enum ColourChoice {
 /// A colour with a meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
-    /// Failures and errors.
+    /// Red, for failures and errors.
     Bad,
-    /// Stalled fits and warnings.
+    /// Yellow, for stalled fits and warnings.
     Doubtful,
-    /// Success.
+    /// Green, for success.
     Good,
-    /// Less important text.
+    /// Dim, for text of less importance.
     Quiet,
 }
 

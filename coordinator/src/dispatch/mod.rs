@@ -40,11 +40,11 @@ pub struct Order {
 /// Evidence of how an attempt ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Evidence {
-    /// A published outcome.
+    /// An outcome that the attempt's worker published in its directory.
     Outcome {
-        /// The parsed outcome.
+        /// Content of `outcome.json`.
         outcome: Box<TaskOutcome>,
-        /// The text from which it was parsed.
+        /// Text of `outcome.json`, from which the outcome was parsed.
         text: String,
     },
     /// No outcome, and no process that could still write one.
@@ -66,7 +66,7 @@ pub enum News {
         /// Claim of the living process.
         claim: Claim,
     },
-    /// The attempt ended.
+    /// The attempt has no process any more.
     Ended {
         /// Id of the attempt.
         attempt: AttemptId,

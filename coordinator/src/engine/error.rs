@@ -82,9 +82,9 @@ pub enum EngineError {
          is lost"
     )]
     NoSpace {
-        /// The run directory.
+        /// Path of the run directory, whose file system is full.
         path: PathBuf,
-        /// Free space, MB.
+        /// Free space that is left \[MB\].
         free_mb: u64,
     },
     /// A stored plan cannot be read by this version.

@@ -129,7 +129,7 @@ pub struct RunSummary {
     pub published: u64,
     /// Whether the run was stopped before its end.
     pub stopped: bool,
-    /// Wall time, s.
+    /// Duration of the run by the clock \[s\].
     pub wall_s: f64,
     /// Whether tasks are jobs of a cluster.
     pub cluster: bool,

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 pub struct FilesSeen(HashMap<PathBuf, bool>);
 
 impl FilesSeen {
-    /// Looks for files.
+    /// Answers of the file system about these files.
     pub fn look(paths: Vec<PathBuf>) -> Self {
         let look = |path: PathBuf| {
             let exists = path.exists();

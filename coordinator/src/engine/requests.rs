@@ -38,7 +38,7 @@ pub enum Request {
         /// Patient whose tasks failed.
         patient: PatientId,
     },
-    /// Cancel the work.
+    /// Cancel a patient, or the whole run.
     Cancel {
         /// Patient to cancel; `None` means all.
         patient: Option<PatientId>,

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 /// Urgency of a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum StopLevel {
-    /// Keep running.
+    /// No stop was requested.
     Run,
     /// Start nothing new and let short tasks finish.
     Soon,
@@ -67,7 +67,7 @@ impl StopSignal {
         });
     }
 
-    /// The present level.
+    /// Urgency of the stops requested so far.
     #[must_use]
     pub fn level(&self) -> StopLevel {
         *self.level.borrow()

@@ -55,7 +55,7 @@ pub struct Patient {
     pub settings: Merged,
     /// Path of patient.toml, and the position of each of its keys.
     pub positions: (PathBuf, BTreeMap<String, Position>),
-    /// Content of patient.toml.
+    /// Content of patient.toml, before defaults and estimates fill it.
     pub file: PatientFile,
     /// Folder that holds patient.toml.
     pub folder: PathBuf,
@@ -203,7 +203,7 @@ struct Layers<'a> {
     command_line: &'a Layer,
     /// Folder of the cohort.
     folder: &'a Path,
-    /// See [`Options::meshes`].
+    /// Whether meshes are read and checked, as in [`Options::meshes`].
     meshes: bool,
 }
 

@@ -17,7 +17,7 @@ pub struct Node {
     pub value: Tree,
 }
 
-/// A TOML value.
+/// A value of a TOML file; a container holds its entries with their positions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Tree {
     /// A table, written as `[table]` or `{ inline = "table" }`.
@@ -30,7 +30,7 @@ pub enum Tree {
     Integer(i64),
     /// A float such as `1.5`, also `nan` and `inf`.
     Float(f64),
-    /// `true` or `false`.
+    /// One of the words `true` and `false`.
     Bool(bool),
     /// A date or a time, which no key of cardiotwin accepts.
     Datetime(String),

@@ -21,13 +21,13 @@ pub const RERUN: &str = "rerun";
 /// Origin of a setting.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Origin {
-    /// Built-in default.
+    /// Default of the program, which no layer overrides.
     Default,
     /// File and position of the key.
     File(PathBuf, Position),
     /// Stored by `cardiotwin rerun`.
     Rerun,
-    /// Given with `--set`.
+    /// An argument `--set KEY=VALUE` of the command.
     CommandLine,
 }
 
@@ -173,11 +173,11 @@ impl Layer {
 /// Settings after merging, with the origin of every leaf.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Merged {
-    /// The merged settings.
+    /// Settings that result from all layers.
     pub settings: Settings,
     /// Origin of each leaf by dotted key.
     pub origins: BTreeMap<String, Origin>,
-    /// The merged settings as JSON.
+    /// The same settings as JSON.
     pub value: Value,
 }
 

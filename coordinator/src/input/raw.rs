@@ -25,7 +25,7 @@ const ML_PER_S_PER_L_PER_MIN: f64 = 1000.0 / 60.0;
 /// A folder of recordings that was read without errors.
 #[derive(Debug, Clone)]
 pub struct RawFolder {
-    /// Content of `prepare.toml`.
+    /// Content of `prepare.toml`: columns, files and settings of the preparation.
     pub file: RawFile,
     /// Recording of the catheter.
     pub recording: Recording,

@@ -74,7 +74,7 @@ impl Report {
         &self.findings
     }
 
-    /// Number of errors.
+    /// Number of findings that keep the cohort from running.
     #[must_use]
     pub fn n_errors(&self) -> usize {
         self.findings
@@ -83,7 +83,7 @@ impl Report {
             .count()
     }
 
-    /// Number of warnings.
+    /// Number of findings that do not keep the cohort from running.
     #[must_use]
     pub fn n_warnings(&self) -> usize {
         self.findings.len() - self.n_errors()

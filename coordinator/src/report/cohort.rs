@@ -327,7 +327,7 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
 /// Format of a column in the patients' table and its mean.
 #[derive(Clone, Copy, PartialEq)]
 enum Show {
-    /// An integer.
+    /// A count, printed without decimals.
     Count,
     /// A cost with two significant digits.
     Cost,

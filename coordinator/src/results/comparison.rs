@@ -35,11 +35,11 @@ pub fn relative_difference(simulated: f64, measured: f64) -> Option<f64> {
 /// Mean and standard deviation of a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanSd {
-    /// Arithmetic mean.
+    /// Arithmetic mean of the values.
     pub mean: f64,
     /// Standard deviation with n − 1; `None` for a single value.
     pub sd: Option<f64>,
-    /// Number of values.
+    /// Number of present, finite values.
     pub n: usize,
 }
 

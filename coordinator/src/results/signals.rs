@@ -10,7 +10,7 @@ use super::comparison::PatientView;
 /// Source of a trace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Source {
-    /// Measurement.
+    /// The patient's measured traces.
     Measured,
     /// Step 1, the iterate that was taken (active stress, calcium, stretch: medians over its nodes).
     Step1,
@@ -21,7 +21,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// Name in files.
+    /// Name of the source in files and columns.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

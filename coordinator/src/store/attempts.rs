@@ -14,7 +14,7 @@ pub struct NewAttempt<'a> {
     pub allocation: i64,
     /// Directory, relative to the run directory.
     pub directory: &'a str,
-    /// First state.
+    /// State in which the attempt begins its life.
     pub state: &'a Attempt,
     /// Name of the state.
     pub word: &'a str,
@@ -31,7 +31,7 @@ pub struct AttemptChange<'a> {
     pub generation: u32,
     /// Version of the row in the store before the change.
     pub version: i64,
-    /// The new state.
+    /// State after the change.
     pub state: &'a Attempt,
     /// Name of the new state.
     pub word: &'a str,

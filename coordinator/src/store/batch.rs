@@ -111,7 +111,7 @@ impl Batch {
         self.steps.push(row);
     }
 
-    /// Inserts an attempt.
+    /// Inserts the row of a planned attempt.
     pub fn insert_attempt(&mut self, row: &attempts::NewAttempt<'_>) {
         self.new_attempts.push(row);
     }
@@ -152,7 +152,7 @@ impl Batch {
             .push(&serde_json::json!({ "key": key, "value": value }));
     }
 
-    /// Removes executed actions.
+    /// Removes actions from the outbox after their execution.
     pub fn actions_done(&mut self, ids: impl IntoIterator<Item = i64>) {
         self.done.extend(ids);
     }

@@ -48,13 +48,13 @@ pub struct JobSpec {
     pub lanes: u32,
     /// Threads of each simulation.
     pub threads: u32,
-    /// Walltime, s.
+    /// Walltime that the job requests \[s\].
     pub walltime_s: u64,
     /// Expected node-hours of all elements.
     pub expected_node_hours: f64,
     /// Number of nodes, or fraction of a node, that an element is charged for.
     pub nodes_charged: f64,
-    /// Nodes to avoid.
+    /// Names of nodes on which the job must not run.
     pub exclude: Vec<String>,
     /// Patients of each element.
     pub elements: Vec<Vec<Placed>>,
@@ -109,7 +109,7 @@ pub struct Allotment {
     /// Number of simulations side by side on its node; `None` means as many as its cores allow.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lanes: Option<u32>,
-    /// Nodes to avoid.
+    /// Names of nodes that failed earlier jobs of the patient, which the next job avoids.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub exclude: Vec<String>,
     /// Reason of the last repeat, for a person.

@@ -71,7 +71,7 @@ pub enum StoreError {
     DiskFull {
         /// Path of the database.
         file: PathBuf,
-        /// Error of SQLite.
+        /// Error that SQLite returned.
         source: sqlx::Error,
     },
     /// The database may not be written.
@@ -79,7 +79,7 @@ pub enum StoreError {
     ReadOnly {
         /// Path of the database.
         file: PathBuf,
-        /// Error of SQLite.
+        /// Error that SQLite returned.
         source: sqlx::Error,
     },
     /// Another process wrote to the database in between.
@@ -120,7 +120,7 @@ pub enum StoreError {
     /// The run has no patient of this name.
     #[error("no patient {patient} in this run; known patients: {known}")]
     NoPatient {
-        /// Requested patient.
+        /// Pseudonym that was asked for.
         patient: PatientId,
         /// Names of the first patients of the run.
         known: String,
@@ -155,9 +155,9 @@ pub enum StoreError {
     Sql {
         /// Path of the database.
         file: PathBuf,
-        /// Operation that failed.
+        /// Name of the operation that failed.
         what: &'static str,
-        /// Error of SQLite.
+        /// Error that SQLite returned.
         source: sqlx::Error,
     },
 }

@@ -20,7 +20,7 @@ pub const LOCK_FILE: &str = "coordinator.lock";
 pub struct LockHolder {
     /// Name of the host.
     pub host: String,
-    /// Process id.
+    /// Id of the process on this host.
     pub pid: u32,
     /// Time of acquisition, UTC, RFC 3339.
     pub since: String,
@@ -44,7 +44,7 @@ pub enum LockError {
         "{dir} is in use by {holder}; watch it with `cardiotwin status`, or stop that process first"
     )]
     Held {
-        /// The run directory.
+        /// Path of the run directory.
         dir: PathBuf,
         /// Process that holds it.
         holder: LockHolder,

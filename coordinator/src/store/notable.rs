@@ -23,7 +23,7 @@ pub struct Notable {
 /// A patient that failed or stalled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NotablePatient {
-    /// Pseudonym.
+    /// Pseudonym of the patient.
     pub patient: String,
     /// Step at which it is.
     pub step: String,
@@ -31,8 +31,8 @@ pub struct NotablePatient {
     pub failed: bool,
     /// Class of the failure; `None` for a stalled patient.
     pub class: Option<FailureClass>,
-    /// Identifies this occurrence: a failure after a retry has another mark, a second look at the
-    /// same failure has not.
+    /// Mark of this occurrence. A failure after a retry has another mark; the same failure, seen
+    /// again, has the same mark.
     pub mark: String,
 }
 

@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 pub enum Action {
     /// Hand an attempt to the executor.
     Submit {
-        /// Attempt to submit.
+        /// Id of the attempt to start.
         attempt: AttemptId,
     },
     /// Fence an attempt and end its process.
     Stop {
-        /// Attempt to stop.
+        /// Id of the attempt to end.
         attempt: AttemptId,
     },
     /// Submit a job to the cluster, unless its folder shows that this was begun before.
@@ -25,14 +25,14 @@ pub enum Action {
     },
     /// Fence an element of a job, which then begins and publishes nothing more.
     FenceJob {
-        /// The job's name.
+        /// Name of the job to which the element belongs.
         job: String,
         /// Index of the element.
         element: usize,
     },
     /// Cancel an element of a job at the scheduler.
     CancelJob {
-        /// The job's name.
+        /// Name of the job to which the element belongs.
         job: String,
         /// Index of the element.
         element: usize,

@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 /// A row of `patients`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatientRow {
-    /// Row id.
+    /// Row id, by which the other tables refer to the patient.
     pub id: i64,
-    /// Pseudonym.
+    /// Pseudonym of the patient, unique in the run.
     pub patient: String,
     /// Position in the cohort.
     pub position: i64,

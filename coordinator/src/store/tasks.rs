@@ -10,11 +10,11 @@ pub struct NewTask<'a> {
     pub key: &'a str,
     /// Kind of the task.
     pub kind: &'a str,
-    /// First state.
+    /// State in which the task begins its life.
     pub state: &'a Task,
     /// Name of the state.
     pub word: &'a str,
-    /// Specification as JSON.
+    /// Specification from which a worker computes the result, as JSON.
     pub spec: &'a str,
 }
 
@@ -25,7 +25,7 @@ pub struct TaskChange<'a> {
     pub key: &'a str,
     /// Version of the row in the store before the change.
     pub version: i64,
-    /// The new state.
+    /// State after the change.
     pub state: &'a Task,
     /// Name of the new state.
     pub word: &'a str,
@@ -44,7 +44,7 @@ pub struct TaskRow {
     pub version: i64,
     /// State of the task.
     pub state: Task,
-    /// Specification as JSON.
+    /// Specification from which a worker computes the result, as JSON.
     pub spec: String,
     /// Outcome that settled the task, as JSON; `None` if it is not settled by one.
     pub outcome: Option<String>,

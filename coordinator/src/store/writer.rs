@@ -41,7 +41,7 @@ pub struct Loaded {
     pub meta: HashMap<String, String>,
     /// Patients with their plans and chains, in the cohort's order.
     pub patients: Vec<(PatientRow, PlanRow, Chain)>,
-    /// Every task.
+    /// Tasks of the run, settled or not.
     pub tasks: Vec<TaskRow>,
     /// Attempts that are not over.
     pub attempts: Vec<AttemptRow>,

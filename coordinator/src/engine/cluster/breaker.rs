@@ -7,7 +7,7 @@ use crate::dispatch::slurm::Scheduler;
 
 /// Number of consecutive commands without an answer after which Slurm is left alone.
 const PATIENCE: u32 = 3;
-/// Longest pause, ms.
+/// Length above which the pause does not grow \[ms\].
 const LONGEST_MS: i64 = 3_600_000;
 
 /// Length of the pause after `silent` consecutive commands without an answer, ms; `None` if no

@@ -40,7 +40,7 @@ const OTHER: (f64, f64) = (1_000_000.0, 8.0);
 /// Disk space that the remaining tasks are expected to take.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct DiskNeed {
-    /// Size, bytes.
+    /// Sum of the expected sizes of their files, in bytes.
     pub bytes: f64,
     /// Number of files and folders.
     pub inodes: f64,

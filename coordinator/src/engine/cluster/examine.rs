@@ -27,7 +27,7 @@ pub struct SiteReport {
 pub struct QueueReport {
     /// Name of the queue in the profile.
     pub name: String,
-    /// Limits in words.
+    /// Limits on walltime, jobs and nodes, as one line of text.
     pub limits: String,
     /// Note that the site has no QoS of the queue's name; `None` if it has one or none is set.
     pub missing: Option<String>,

@@ -52,7 +52,7 @@ pub struct ClusterBenchResult {
     /// Cost of the tick that saw one in a hundred of the running jobs fail and submitted them
     /// again.
     pub failures: TickCost,
-    /// Number of samples.
+    /// Number of samples of the sweep from which the next figures come.
     pub samples: usize,
     /// Coordinator's time per sample in their in-process run, µs.
     pub us_per_sample: f64,

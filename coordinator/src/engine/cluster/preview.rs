@@ -60,7 +60,7 @@ pub struct PlannedRow {
     pub nodes: u32,
     /// Cores of each element on a queue that gives single cores.
     pub cores: u32,
-    /// Walltime, s.
+    /// Walltime that the job would request \[s\].
     pub walltime_s: u64,
     /// Expected working time of each element, s.
     pub predicted_s: f64,

@@ -29,9 +29,9 @@ use crate::store::{DATABASE_FILE, Writer, back_up};
 /// Number and size of files.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Usage {
-    /// Number of files.
+    /// Number of files, without folders.
     pub files: u64,
-    /// Sum of their sizes, bytes.
+    /// Sum of their sizes, in bytes.
     pub bytes: u64,
 }
 

@@ -244,7 +244,7 @@ struct Existing {
     job: Option<String>,
     /// Whether the attempt or its job was revoked.
     is_revoked: bool,
-    /// What it left.
+    /// Outcome that it published; `None` before that, and for a revoked attempt.
     evidence: Option<Evidence>,
 }
 
@@ -313,7 +313,7 @@ impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
 }
 
 impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
-    /// A crash point.
+    /// Ends the loop here if a test wants a crash at this point.
     fn pass(&self, place: &str) -> Result<(), EngineError> {
         self.surroundings.crash.pass(place)
     }

@@ -9,7 +9,7 @@ pub const SHADES: usize = 6;
 /// Brightness of the darkest shade relative to the full colour.
 const DARKEST: f64 = 0.58;
 
-/// A colour map.
+/// Assignment of colours to the values of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Map {
     /// Active stress: dark violet to light yellow (after inferno of matplotlib, by S. van der Walt and N. Smith, CC0).

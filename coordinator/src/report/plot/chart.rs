@@ -16,7 +16,7 @@ const SIMPLIFY: f64 = 0.12;
 pub struct SvgText {
     /// Text on the line.
     pub text: String,
-    /// Subscript after `text`.
+    /// Subscript that follows `text`; empty for none.
     pub sub: String,
     /// Text on the line after the subscript.
     pub after: String,
@@ -49,7 +49,7 @@ impl SvgText {
 /// An axis with title, range and ticks.
 #[derive(Debug, Clone)]
 pub struct Axis {
-    /// Title with unit.
+    /// Quantity and unit, printed along the axis.
     pub title: SvgText,
     /// Range of values, linear or logarithmic.
     pub scale: Scale,
@@ -105,7 +105,7 @@ pub enum Mark {
         title: String,
         label: Option<(SvgText, f64, f64)>,
     },
-    /// A cross.
+    /// A cross with a title, for values that differ in kind from those shown as dots.
     Cross {
         x: f64,
         y: f64,
@@ -177,7 +177,7 @@ pub enum Reading {
     Off,
 }
 
-/// A chart.
+/// One plot area with its axes, which is drawn as SVG.
 #[derive(Debug, Clone)]
 pub struct Chart {
     /// Description for screen readers.
@@ -186,9 +186,9 @@ pub struct Chart {
     pub size: (f64, f64),
     /// Room left, right, above and below the plot area.
     pub margins: [f64; 4],
-    /// Horizontal axis.
+    /// Axis along the lower edge.
     pub x: Axis,
-    /// Vertical axis.
+    /// Axis along the left edge.
     pub y: Axis,
     /// Lines in drawing order; the last lies on top.
     pub series: Vec<Series>,

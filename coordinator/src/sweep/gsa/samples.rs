@@ -29,7 +29,7 @@ pub struct Samples {
     pub arithmetic: Vec<String>,
 }
 
-/// A computed sample.
+/// A computed sample with the verdict of the exclusion rule.
 #[derive(Debug, Clone, PartialEq)]
 struct Judged {
     /// Biomarkers in the order of

@@ -130,7 +130,7 @@ pub struct Wishes {
     pub resamples: Option<u32>,
     /// Probability that an interval covers the index.
     pub confidence: Option<f64>,
-    /// Cycle length, ms.
+    /// Cycle length at which the cells are paced \[ms\].
     pub cycle_length_ms: Option<f64>,
     /// Initial stretch of the cell.
     pub lambda_0: Option<f64>,

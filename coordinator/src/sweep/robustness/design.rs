@@ -52,9 +52,9 @@ pub enum DesignError {
         patient: PatientId,
         /// Name of the parameter.
         name: String,
-        /// Lower bound.
+        /// Lower bound, in the parameter's unit.
         lower: f64,
-        /// Upper bound.
+        /// Upper bound, in the parameter's unit.
         upper: f64,
     },
 }

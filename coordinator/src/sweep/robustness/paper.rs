@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use cardiotwin_schemas::robustness::PaperSpread;
 use serde::Deserialize;
 
-/// The paper's tables.
+/// Means and spreads that the paper prints, by table and column.
 #[derive(Debug, Deserialize)]
 pub struct Paper {
     /// Id of the patient to whom the tables belong.

@@ -21,7 +21,7 @@ use crate::engine::{Reader, RunOptions};
 pub struct Ended {
     /// Folder that holds the searches.
     pub run_dir: PathBuf,
-    /// Findings by patient.
+    /// Findings of the searches, by pseudonym of the patient.
     pub cases: DiscoverCases,
     /// Patients whose search failed, each with the message.
     pub failures: Vec<(String, String)>,

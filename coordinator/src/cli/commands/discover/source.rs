@@ -33,7 +33,7 @@ pub struct Searched {
     pub patient: Patient,
     /// Task of the search.
     pub task: TaskSpec,
-    /// Key of `task`.
+    /// Key of `task`, by which an earlier run's result is found.
     pub key: TaskKey,
 }
 

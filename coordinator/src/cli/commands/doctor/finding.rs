@@ -6,13 +6,13 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Level {
-    /// Nothing to do.
+    /// The check passed.
     Ok,
     /// Something is absent that may not be needed.
     Note,
     /// Works, but less well than it could, or not for long.
     Warning,
-    /// Runs would fail.
+    /// A run on this machine or site would fail.
     Error,
 }
 

@@ -121,7 +121,7 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
 
 /// Printable answer of a fit, other than its JSON.
 pub(super) struct Said<'a> {
-    /// Lines for patient.toml.
+    /// Lines for patient.toml that set the fitted Windkessel.
     pub toml: &'a str,
     /// Warnings, one sentence each; `text` repeats them.
     pub warnings: &'a [String],

@@ -33,7 +33,7 @@ pub fn plane(text: &str) -> Result<Plane, String> {
     })
 }
 
-/// Parses `NEW=OLD`.
+/// New and old name of an argument `NEW=OLD`, neither of them empty.
 pub fn pair(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((new, old)) if !new.is_empty() && !old.is_empty() => {

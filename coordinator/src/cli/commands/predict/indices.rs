@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_schemas::biomarkers::Biomarkers;
 
-/// Millijoules per mmHg·mL.
+/// Work of one mmHg·mL \[mJ\].
 const MJ_PER_MMHG_ML: f64 = 0.133_322_4;
 
 /// Traces of one beat.

@@ -11,7 +11,7 @@ use crate::engine::crash::CrashPoints;
 /// Events that accompany the run. Each course leads the coordinator through other actions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Course {
-    /// No event.
+    /// Everything goes as planned.
     Peaceful,
     /// The first submission takes effect, but its answer is lost.
     DoubtfulSubmission,

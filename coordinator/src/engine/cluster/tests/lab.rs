@@ -216,7 +216,7 @@ impl Lab {
         self.dir.path().join("run")
     }
 
-    /// Runs one tick.
+    /// Runs one tick to its end, without a crash.
     pub async fn tick(&self) -> RunSummary {
         self.tick_until(&CrashPoints::default()).await.unwrap()
     }
