@@ -19,7 +19,7 @@ use cardiotwin_worker::tasks::cell_fit;
 pub struct Case {
     /// Name of the subject.
     pub name: String,
-    /// Cycle length \[ms\].
+    /// Cycle length at which the cell is paced \[ms\].
     pub cycle_length_ms: f64,
     /// Initial stretch of the fibre.
     pub lambda_0: f64,

@@ -30,7 +30,7 @@ pub enum CaseError {
         file: PathBuf,
         /// The key, with dots between its parts.
         key: String,
-        /// Value found.
+        /// Value of the key in the file.
         found: String,
         /// Values that the key accepts.
         expected: String,
@@ -38,9 +38,9 @@ pub enum CaseError {
     /// The mesh cannot be read.
     #[error("{}: mesh.file: {source}", file.display())]
     Mesh {
-        /// The benchmark file.
+        /// Path of the benchmark file that names the mesh.
         file: PathBuf,
-        /// The reader's error.
+        /// Error of the mesh reader, with the path of the mesh.
         source: MeshFileError,
     },
     /// The table cannot be written.
@@ -51,7 +51,7 @@ pub enum CaseError {
         /// The operating system's error.
         source: std::io::Error,
     },
-    /// The computation failed.
+    /// The computation ended early with an error of the solver.
     #[error(
         "{0}; the table holds what was reached. A smaller time or load step, or stiffer volume change, may help"
     )]

@@ -9,14 +9,13 @@ use serde::Deserialize;
 /// A benchmark: a body, its loads over time, and the requested output.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-/// Title, printed in the summary.
 pub struct CaseFile {
     /// Title, printed in the summary.
     #[serde(default)]
     pub title: String,
     /// Mesh of the body.
     pub mesh: MeshTable,
-    /// Finite elements.
+    /// Kind of the finite elements.
     #[serde(default)]
     pub element: ElementTable,
     /// Tissues. An element belongs to the first one with its tag.
@@ -29,7 +28,7 @@ pub struct CaseFile {
     /// Surfaces whose nodes are held.
     #[serde(default)]
     pub fixed: Vec<FixedTable>,
-    /// Surfaces under pressure.
+    /// Surfaces under a pressure that follows their deformation.
     #[serde(default)]
     pub pressure: Vec<PressureTable>,
     /// Active stress of contracting tissue.
@@ -86,15 +85,15 @@ pub struct CurvedSurface {
     pub long_mm: f64,
 }
 
-/// A coordinate axis.
+/// Coordinate axis of the mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Axis {
-    /// First coordinate.
+    /// Axis of the first coordinate.
     X,
-    /// Second coordinate.
+    /// Axis of the second coordinate.
     Y,
-    /// Third coordinate.
+    /// Axis of the third coordinate.
     Z,
 }
 
@@ -160,44 +159,44 @@ pub struct TissueTable {
 pub enum PassiveTable {
     /// Guccione et al. 1995.
     Guccione {
-        /// Stiffness C.
+        /// Stiffness `C` \[kPa\], a factor on all stress.
         #[serde(rename = "c_kPa")]
         c_kpa: f64,
-        /// Exponent along the fibre.
+        /// Exponent `b_f` of strain along the fibre.
         b_f: f64,
-        /// Exponent across the fibre.
+        /// Exponent `b_t` of strain across the fibre.
         b_t: f64,
-        /// Exponent of shear.
+        /// Exponent `b_fs` of shear along the fibre.
         b_fs: f64,
     },
     /// Holzapfel and Ogden 2009.
     HolzapfelOgden {
-        /// `a`.
+        /// Modulus `a` of the isotropic term \[kPa\].
         #[serde(rename = "a_kPa")]
         a_kpa: f64,
-        /// `b`.
+        /// Exponent `b` of the isotropic term.
         b: f64,
-        /// `a_f`.
+        /// Modulus `a_f` of fibre extension \[kPa\].
         #[serde(rename = "a_f_kPa")]
         a_f_kpa: f64,
-        /// `b_f`.
+        /// Exponent `b_f` of fibre extension.
         b_f: f64,
-        /// `a_s`.
+        /// Modulus `a_s` of sheet extension \[kPa\].
         #[serde(rename = "a_s_kPa")]
         a_s_kpa: f64,
-        /// `b_s`.
+        /// Exponent `b_s` of sheet extension.
         b_s: f64,
-        /// `a_fs`.
+        /// Modulus `a_fs` of shear between fibre and sheet \[kPa\].
         #[serde(rename = "a_fs_kPa")]
         a_fs_kpa: f64,
-        /// `b_fs`.
+        /// Exponent `b_fs` of shear between fibre and sheet.
         b_fs: f64,
         /// Sharpness of the switch that lets fibres bear tension alone.
         switch: f64,
     },
-    /// Neo-Hookean law.
+    /// Neo-Hookean law, isotropic and without exponents.
     NeoHookean {
-        /// Shear modulus.
+        /// Shear modulus `μ` \[kPa\].
         #[serde(rename = "mu_kPa")]
         mu_kpa: f64,
     },
@@ -209,7 +208,7 @@ pub enum PassiveTable {
 pub struct VolumetricTable {
     /// ln-squared, quadratic or quadratic-ln.
     pub law: VolumetricName,
-    /// Bulk modulus κ.
+    /// Bulk modulus `κ` \[kPa\].
     #[serde(rename = "kappa_kPa")]
     pub kappa_kpa: f64,
 }
@@ -218,11 +217,11 @@ pub struct VolumetricTable {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VolumetricName {
-    /// `κ/2 (ln J)²`.
+    /// Energy `κ/2 (ln J)²`.
     LnSquared,
-    /// `κ/2 (J − 1)²`.
+    /// Energy `κ/2 (J − 1)²`.
     Quadratic,
-    /// `κ/4 (J² − 1 − 2 ln J)`.
+    /// Energy `κ/4 (J² − 1 − 2 ln J)`.
     QuadraticLn,
 }
 
@@ -252,7 +251,7 @@ pub enum FibreTable {
     },
     /// Rule of Aróstica et al. 2025 on ellipsoids.
     Ellipsoid {
-        /// Axis of revolution.
+        /// Axis of revolution of the ellipsoids.
         axis: Axis,
         /// Short half-axis at endocardium and epicardium.
         short_mm: [f64; 2],
@@ -267,7 +266,7 @@ pub enum FibreTable {
     LaplaceDirichlet {
         /// Surface that encloses the cavity.
         endocardium: String,
-        /// Outer surface.
+        /// Surface of the mesh outside of the wall.
         epicardium: String,
         /// Surface at the base.
         base: String,
@@ -299,12 +298,12 @@ pub enum DepthTable {
 pub struct SupportTable {
     /// Surface of the mesh.
     pub surface: String,
-    /// normal or all.
+    /// Direction in which the springs act: `normal` or `all`.
     pub direction: DirectionName,
-    /// Stiffness of the springs.
+    /// Stiffness of the springs per area \[kPa/mm\].
     #[serde(rename = "spring_kPa_per_mm")]
     pub spring_kpa_per_mm: f64,
-    /// Damping of the dashpots.
+    /// Damping of the dashpots per area \[kPa·ms/mm\].
     #[serde(default, rename = "dashpot_kPa_ms_per_mm")]
     pub dashpot_kpa_ms_per_mm: f64,
 }
@@ -315,7 +314,7 @@ pub struct SupportTable {
 pub enum DirectionName {
     /// Along the reference normal.
     Normal,
-    /// All directions.
+    /// In all three directions of space.
     All,
 }
 
@@ -325,7 +324,7 @@ pub enum DirectionName {
 pub struct FixedTable {
     /// Surface of the mesh.
     pub surface: String,
-    /// Held components.
+    /// Components of the displacement that are zero; the others are free.
     pub components: Vec<Axis>,
 }
 
@@ -343,65 +342,65 @@ pub struct PressureTable {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum CourseTable {
-    /// A constant value.
+    /// A constant value from time zero on.
     Constant {
-        /// Value.
+        /// Value from time zero on \[kPa\].
         #[serde(rename = "value_kPa")]
         value_kpa: f64,
     },
     /// A straight line from zero, then constant.
     Ramp {
-        /// Value from `until_s` on.
+        /// Value from `until_s` on \[kPa\].
         #[serde(rename = "value_kPa")]
         value_kpa: f64,
-        /// End of the line.
+        /// Time at which the line ends \[s\].
         until_s: f64,
     },
     /// Straight lines between points.
     Table {
-        /// Times of the points.
+        /// Times of the points, ascending \[s\].
         t_s: Vec<f64>,
-        /// Values at the points.
+        /// Values at the points \[kPa\].
         #[serde(rename = "value_kPa")]
         value_kpa: Vec<f64>,
     },
     /// Active stress of Aróstica et al. 2025.
     Activation {
-        /// Contractility σ₀.
+        /// Contractility σ₀, which the stress approaches while activated \[kPa\].
         #[serde(rename = "contractility_kPa")]
         contractility_kpa: f64,
-        /// Rate while activated.
+        /// Rate at which the stress rises while activated \[1/s\].
         rise_per_s: f64,
-        /// Rate otherwise; negative.
+        /// Rate at which it falls otherwise \[1/s\]; negative.
         fall_per_s: f64,
-        /// Start of the activation.
+        /// Start of the activation \[s\].
         on_s: f64,
-        /// End of the activation.
+        /// End of the activation \[s\].
         off_s: f64,
-        /// Width γ of the switches.
+        /// Width γ of the switches \[s\].
         switch_s: f64,
     },
     /// Cavity pressure of Aróstica et al. 2025.
     ChamberPressure {
-        /// Systolic pressure σ_mid.
+        /// Systolic pressure σ_mid \[kPa\].
         #[serde(rename = "systolic_kPa")]
         systolic_kpa: f64,
-        /// Filling rate σ_pre.
+        /// Rate σ_pre at which the pressure rises in filling \[kPa/s\].
         #[serde(rename = "filling_kPa_per_s")]
         filling_kpa_per_s: f64,
-        /// Filling rate α_pre.
+        /// Rate α_pre, which is added during filling \[1/s\].
         filling_per_s: f64,
-        /// Systolic rate α_mid.
+        /// Rate α_mid, which is added at all times \[1/s\].
         middle_per_s: f64,
-        /// Rate while activated.
+        /// Rate of the activation while activated \[1/s\].
         rise_per_s: f64,
-        /// Rate otherwise; negative.
+        /// Rate of the activation otherwise \[1/s\]; negative.
         fall_per_s: f64,
-        /// Start of the activation.
+        /// Start of the activation \[s\].
         on_s: f64,
-        /// End of the activation.
+        /// End of the activation \[s\].
         off_s: f64,
-        /// Width γ of the switches.
+        /// Width γ of the switches \[s\].
         switch_s: f64,
     },
 }
@@ -432,26 +431,26 @@ pub struct ProbeTable {
 pub enum TimeTable {
     /// Time integration by the generalised-α method, from rest.
     Dynamic {
-        /// Time step.
+        /// Length of a time step \[ms\].
         dt_ms: f64,
-        /// End of the computation.
+        /// Time at which the computation ends \[ms\].
         end_ms: f64,
-        /// Time between two rows of the table.
+        /// Time between two rows of the table \[ms\].
         output_every_ms: f64,
         /// Weight α_m of the old acceleration.
         alpha_m: f64,
         /// Weight α_f of the old forces.
         alpha_f: f64,
-        /// Coefficient of the mass in the Rayleigh damping.
+        /// Coefficient of the mass in the Rayleigh damping \[1/ms\].
         #[serde(default)]
         mass_damping_per_ms: f64,
-        /// Coefficient of the stiffness in the Rayleigh damping.
+        /// Coefficient of the stiffness in the Rayleigh damping \[ms\].
         #[serde(default)]
         stiffness_damping_ms: f64,
     },
     /// Static equilibrium under the loads of one time.
     Static {
-        /// Time of the loads.
+        /// Time at which the loads are taken \[ms\].
         #[serde(default = "one_second")]
         at_ms: f64,
         /// First load step, as a share of the load.
@@ -474,12 +473,12 @@ fn a_tenth() -> f64 {
 pub struct SolverTable {
     /// Tolerance of the residual, relative to the size of the loads.
     pub relative_tolerance: f64,
-    /// Lower bound of the pressures that enter the size of the loads.
+    /// Lower bound of the pressures that enter the size of the loads \[kPa\].
     #[serde(rename = "least_pressure_kPa")]
     pub least_pressure_kpa: f64,
     /// Largest number of Newton iterations in a step.
     pub max_iterations: usize,
-    /// Linear solver.
+    /// Solver of the linear systems in Newton's method.
     pub linear: LinearSolver,
 }
 

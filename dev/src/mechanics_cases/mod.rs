@@ -29,19 +29,18 @@ use output::Table;
 
 /// Size, cost and output of a computed benchmark.
 #[derive(Debug, Clone, PartialEq)]
-/// Title in the file.
 pub struct CaseSummary {
     /// Title in the file.
     pub title: String,
     /// Kind of finite elements.
     pub element: ElementKind,
-    /// Number of tetrahedra.
+    /// Number of tetrahedra in the mesh.
     pub n_tets: usize,
     /// Number of degrees of freedom.
     pub n_dofs: usize,
     /// Steps and iterations; for a static problem, load steps and Newton iterations.
     pub cost: RunCost,
-    /// Wall time \[s\].
+    /// Wall time, from reading the file to the last row of the table \[s\].
     pub seconds: f64,
     /// File of the table; `None` for standard output.
     pub table: Option<PathBuf>,

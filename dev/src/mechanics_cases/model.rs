@@ -32,7 +32,7 @@ type FrameAt = Box<dyn Fn(usize, [f64; 3]) -> Frame>;
 pub struct Model<'a> {
     file: &'a Path,
     parsed: &'a CaseFile,
-    /// The mesh.
+    /// Mesh of the body, with its tags and surfaces.
     pub mesh: TetMesh,
     frame: FrameAt,
     middles: Middles,

@@ -36,7 +36,7 @@ pub struct BenchOptions {
 pub struct BenchResult {
     /// Number of patients, of three tasks each.
     pub patients: usize,
-    /// Number of tasks.
+    /// Number of tasks of all patients.
     pub tasks: usize,
     /// Executor: `in-process` or `local`.
     pub executor: &'static str,

@@ -38,7 +38,7 @@ pub struct VentricleBench {
     pub element: Element,
     /// Length of the beat \[ms\]. A part of a beat is enough to time kernels and their shares.
     pub cycle_ms: f64,
-    /// Time step \[ms\].
+    /// Time step outside of late filling \[ms\].
     pub step_ms: f64,
     /// Longest time step in late filling \[ms\]; 0 for the same step as elsewhere.
     pub diastolic_step_ms: f64,
@@ -51,7 +51,7 @@ pub struct VentricleBench {
 pub struct NsPerTet {
     /// Volume ratios, stretches and nodal pressures.
     pub deform: f64,
-    /// Forces.
+    /// Forces alone, as after an accepted step.
     pub forces: f64,
     /// Forces and stiffness, with the scatter into the matrix.
     pub forces_tangent_scatter: f64,
@@ -74,15 +74,15 @@ pub struct SecondsPerPhase {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 #[expect(non_snake_case, reason = "the field's names")]
 pub struct BeatBiomarkers {
-    /// Largest pressure.
+    /// Largest cavity pressure \[mmHg\].
     pub P_max_mmHg: Option<f64>,
-    /// Width of the pressure pulse at 10 % of its height.
+    /// Width of the pressure pulse at 10 % of its height \[ms\].
     pub PTD90_ms: Option<f64>,
-    /// Largest slope of the pressure.
+    /// Largest slope of the pressure \[mmHg/ms\].
     pub dPdt_max_mmHg_per_ms: Option<f64>,
-    /// Smallest (most negative) slope of the pressure.
+    /// Smallest (most negative) slope of the pressure \[mmHg/ms\].
     pub dPdt_min_mmHg_per_ms: Option<f64>,
-    /// Stroke volume.
+    /// Stroke volume: largest minus smallest cavity volume \[mL\].
     pub SV_mL: Option<f64>,
 }
 
@@ -128,9 +128,9 @@ impl OfRank {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[expect(non_snake_case, reason = "units in names")]
 pub struct VentricleTiming {
-    /// Number of nodes.
+    /// Number of nodes in the mesh.
     pub nodes: usize,
-    /// Number of tetrahedra.
+    /// Number of tetrahedra in the mesh.
     pub elements: usize,
     /// Number of degrees of freedom.
     pub degrees_of_freedom: usize,
@@ -169,7 +169,7 @@ pub struct VentricleTiming {
     pub newton_iterations: usize,
     /// Newton iterations per step.
     pub newton_per_step: f64,
-    /// Krylov iterations.
+    /// Krylov iterations of the linear solver, including those of failed steps.
     pub krylov_iterations: usize,
     /// Krylov iterations per Newton iteration.
     pub krylov_per_newton: f64,

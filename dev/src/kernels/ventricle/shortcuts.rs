@@ -39,9 +39,9 @@ pub struct Shortcut {
 /// All runs of the comparison, the tight one first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Shortcuts {
-    /// Number of nodes.
+    /// Number of nodes in the mesh.
     pub nodes: usize,
-    /// Number of tetrahedra.
+    /// Number of tetrahedra in the mesh.
     pub elements: usize,
     /// Number of threads; factorisation and multigrid use one.
     pub threads: usize,
