@@ -38,7 +38,7 @@ pub enum AttemptError {
         "{directory} has already been claimed by {holder}; another attempt needs its own directory"
     )]
     Claimed {
-        /// The attempt's directory.
+        /// Path of the attempt's directory.
         directory: PathBuf,
         /// Description of the claiming process, as far as its claim can be read.
         holder: String,
@@ -46,7 +46,7 @@ pub enum AttemptError {
     /// The coordinator revoked the attempt.
     #[error("the attempt in {directory} was revoked; nothing is published")]
     Revoked {
-        /// The attempt's directory.
+        /// Path of the attempt's directory.
         directory: PathBuf,
     },
     /// A claim or an outcome cannot be written.
@@ -96,7 +96,7 @@ impl Attempt {
         }
     }
 
-    /// The attempt's directory.
+    /// Path of the attempt's directory, in which the worker writes all files.
     #[must_use]
     pub fn directory(&self) -> &Path {
         &self.directory

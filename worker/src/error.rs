@@ -68,7 +68,7 @@ pub enum TaskError {
     /// A quantity is missing without which no beat can be simulated.
     #[error("no {what} was measured")]
     NotMeasured {
-        /// The missing quantity.
+        /// Name of the quantity, in words.
         what: &'static str,
         /// Advice on the data to add.
         remedy: &'static str,
@@ -78,7 +78,7 @@ pub enum TaskError {
     Factor {
         /// Key of the biomarker.
         name: String,
-        /// The factor.
+        /// Factor that the sample asks for.
         factor: f64,
         /// Reason why the factor cannot be applied.
         why: &'static str,
@@ -119,7 +119,7 @@ pub enum TaskError {
     /// A weight is given for a name that is not a target.
     #[error("weight of `{name}`, which is not a target")]
     UnknownWeight {
-        /// The name.
+        /// Name that the settings give a weight.
         name: String,
     },
     /// A target is not positive and finite, so that relative differences from it are undefined.
@@ -173,7 +173,7 @@ pub enum TaskError {
     /// The medians of the nodal traces have no biomarkers.
     #[error("the medians of {n_nodes} nodal traces have no active stress")]
     NoMedian {
-        /// Number of nodes.
+        /// Number of nodes whose traces were read.
         n_nodes: u64,
     },
     /// A file of nodal traces is not usable.
@@ -181,13 +181,13 @@ pub enum TaskError {
     Nodal {
         /// Path of the file.
         file: PathBuf,
-        /// Line and reason.
+        /// Position of the error in the file, and the expected content.
         source: NodalError,
     },
     /// The cell model has no parameter of this name.
     #[error("the cell has no parameter `{name}`; it has {}", CELL_PARAMETERS.join(", "))]
     UnknownParameter {
-        /// The name.
+        /// Name that was asked for.
         name: String,
     },
     /// The search for missing effects rejects its data or settings, or has no base fit.

@@ -32,7 +32,7 @@ pub fn header_mv(n_nodes: usize, n_frames: usize, length_ms: f64) -> Vec<u8> {
 pub struct Igb {
     /// Times of the frames \[ms\].
     pub time_ms: Vec<f64>,
-    /// Number of nodes.
+    /// Number of nodes, each with one value in every frame.
     pub n_nodes: usize,
     /// Value `k` of node `i` at `k · n_nodes + i`.
     pub values: Vec<f64>,

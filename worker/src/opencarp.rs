@@ -37,9 +37,9 @@ const NEVER_MS: f64 = -1.0;
 /// A plugin for the active stress, with its parameters.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plugin {
-    /// Value of `imp_region[].plugins`.
+    /// Name of the plugin, a value of openCARP's `imp_region[].plugins`.
     pub name: &'static str,
-    /// Value of `imp_region[].plug_param`.
+    /// Parameters as `name=value` with commas, a value of openCARP's `imp_region[].plug_param`.
     pub parameters: String,
 }
 

@@ -35,7 +35,7 @@ impl ProgressLog {
         }
     }
 
-    /// Drops all reports.
+    /// A log that drops all reports.
     #[must_use]
     pub fn silent() -> Self {
         Self {

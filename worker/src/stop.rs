@@ -25,7 +25,7 @@ impl StopFlag {
         Ok(flag)
     }
 
-    /// Requests the stop.
+    /// Requests a stop as SIGTERM does.
     pub fn raise(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }

@@ -63,19 +63,19 @@ impl Team {
         }
     }
 
-    /// Number of ranks.
+    /// Number of ranks in the team, rank 0 included.
     #[must_use]
     pub fn n_ranks(&self) -> usize {
         self.comm.n_ranks()
     }
 
-    /// The ranks' communicator, for shared ownership.
+    /// Communicator of the ranks, for shared ownership.
     #[must_use]
     pub fn shared_comm(&self) -> Arc<dyn Communicator> {
         Arc::clone(&self.comm)
     }
 
-    /// The ranks' communicator.
+    /// Communicator of the ranks, for a solver that owns it.
     #[must_use]
     pub fn comm(&self) -> Box<dyn Communicator> {
         Box::new(Arc::clone(&self.comm))

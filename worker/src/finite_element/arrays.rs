@@ -18,9 +18,9 @@ const CHECKSUM: usize = 64;
 /// Values of an array.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values {
-    /// Floating-point numbers.
+    /// Coordinates, displacements, states and other real numbers.
     F64(Vec<f64>),
-    /// Indices.
+    /// Indices of nodes and elements, tags and counts.
     U32(Vec<u32>),
 }
 
@@ -46,7 +46,7 @@ pub enum ArraysError {
     Format {
         /// Format version of the file.
         found: String,
-        /// This program's.
+        /// Format version that this program writes and reads.
         known: u32,
     },
     /// The file is truncated or was changed.
@@ -66,9 +66,9 @@ pub enum ArraysError {
     /// The file holds another kind of content.
     #[error("this is a file of kind {found}, expected {expected}")]
     Kind {
-        /// Kind found.
+        /// Kind of content that the header states.
         found: String,
-        /// Kind expected.
+        /// Kind of content that the caller reads.
         expected: String,
     },
     /// An array is missing, or has another type or length.

@@ -58,9 +58,9 @@ pub enum CheckpointError {
     /// The checkpoint belongs to another task.
     #[error("the file belongs to task {found}, expected {expected}")]
     Foreign {
-        /// Task of the checkpoint.
+        /// Key of the task whose beat the checkpoint holds.
         found: String,
-        /// The current task.
+        /// Key of the task that is being computed.
         expected: String,
     },
 }

@@ -61,7 +61,7 @@ pub enum FiniteElementError {
         "passive.guccione_C_kPa is given, but solver.finite_element.wall.muscle_law is {law}, expected Guccione"
     )]
     StiffnessOfAnotherLaw {
-        /// The muscle's law.
+        /// Name of the law that the muscle has.
         law: &'static str,
     },
     /// Springs are given for a surface that the mesh does not have.
@@ -89,7 +89,7 @@ pub enum FiniteElementError {
         listed(passive)
     )]
     PassiveTag {
-        /// The tag.
+        /// Tag for which the passive law is given.
         tag: i32,
         /// Tags of the mesh's passive tissue.
         passive: Vec<i32>,

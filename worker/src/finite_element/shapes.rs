@@ -14,7 +14,7 @@ const SMALLER: f64 = 0.005;
 pub struct Shape {
     /// Index of the sample in the beat's traces.
     pub sample: usize,
-    /// Cavity volume.
+    /// Volume of the left ventricle's cavity \[mL\].
     pub volume_ml: f64,
     /// Displacement of the mesh's nodes from the unloaded geometry \[mm\]. Files store it
     /// separately.

@@ -31,7 +31,7 @@ pub struct About {
     pub exponent_factor: f64,
     /// Part of this factor that comes from the patient's effects.
     pub effects_exponent_factor: f64,
-    /// Pressure at end-diastole.
+    /// Pressure of the left ventricle at end-diastole \[kPa\].
     pub end_diastolic_pressure_kpa: f64,
     /// Names of the mesh's surfaces.
     pub surfaces: Vec<String>,
@@ -80,7 +80,7 @@ pub struct Restored {
     pub anatomy: Anatomy,
     /// Parameters of the wall.
     pub wall: WallParameters,
-    /// State at end-diastole.
+    /// Deformation and pressure at end-diastole, from which beats start.
     pub end_diastole: EndDiastole,
 }
 

@@ -82,7 +82,7 @@ impl<'a> Batches<'a> {
         }
     }
 
-    /// Stops recalling.
+    /// Ignores the rest of the earlier attempt's costs: further cells are computed.
     pub fn forget(&mut self) {
         self.journal.forget();
     }

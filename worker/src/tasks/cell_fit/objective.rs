@@ -39,12 +39,12 @@ pub struct Objective {
     lambda_max: f64,
 }
 
-/// One computed cell.
+/// A cell with its cost.
 #[derive(Debug, Clone)]
 pub struct Evaluation {
     /// Biomarkers of the cell.
     pub biomarkers: CellBiomarkers,
-    /// Misfit plus penalty.
+    /// Misfit of the biomarkers plus the penalties.
     pub cost: f64,
     /// Terms of the cost, by name.
     pub terms: BTreeMap<String, f64>,

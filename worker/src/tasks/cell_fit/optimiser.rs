@@ -35,7 +35,7 @@ const BUDGET: usize = 30_000;
 pub enum Optimiser {
     /// Differential evolution, as in the paper.
     Differential(Box<DifferentialEvolution>),
-    /// L-SHADE.
+    /// L-SHADE, a differential evolution that adapts its factors and shrinks its population.
     LShade(Box<LShade>),
     /// CMA-ES, with the number of generations and the mean cost of the last one.
     CmaEs(Box<CmaEs>, usize, f64),

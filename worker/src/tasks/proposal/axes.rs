@@ -13,7 +13,7 @@ use cardiotwin_schemas::task::{MovedParameter, OrganBeatSpec};
 /// A moved parameter. Its coordinate is the logarithm of its magnitude.
 #[derive(Debug, Clone)]
 pub struct Axis {
-    /// Name with unit.
+    /// Name of the parameter, with its unit.
     pub name: String,
     sign: f64,
     /// Bounds of the coordinate.
