@@ -6,9 +6,9 @@
 pub enum Token {
     /// A name or keyword.
     Name(String),
-    /// `::`
+    /// The separator `::` of a path.
     Separator,
-    /// Any other character.
+    /// Any other character, by itself.
     Sign(char),
 }
 
@@ -293,7 +293,7 @@ impl Reader<'_> {
         });
     }
 
-    /// Reads `as name`.
+    /// New name of an import, if `as name` follows.
     fn alias(&mut self) -> Option<String> {
         match (self.peek(0).cloned(), self.peek(1).cloned()) {
             (Some((_, Token::Name(word))), Some((_, Token::Name(alias)))) if word == "as" => {

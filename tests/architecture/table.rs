@@ -1,7 +1,7 @@
 //! The import rules as data, each with its reason. `docs/architecture.md` shows the same two
 //! tables, which [`markdown`] writes.
 
-/// An import rule.
+/// Imports that a crate or a room of the coordinator may have.
 pub struct Rule {
     /// A crate without its prefix `cardiotwin-`, or a room of the coordinator.
     pub who: &'static str,
@@ -260,7 +260,7 @@ pub const ROOMS: &[Rule] = &[
 pub struct Refusal {
     /// Folder, from the repository's root.
     pub folder: &'static str,
-    /// Paths refused there.
+    /// Paths that the folder's files may not use.
     pub paths: &'static [&'static str],
     /// Purpose of the rule.
     pub why: &'static str,

@@ -210,7 +210,7 @@ impl Scene {
     }
 }
 
-/// A running coordinator.
+/// A coordinator's process with what it has printed.
 pub struct Coordinator {
     child: Child,
     /// Its stderr, line by line.

@@ -39,9 +39,9 @@ struct Printed {
     clinical: [f64; 5],
     step1: [f64; 5],
     step2: [f64; 5],
-    /// Table A6.
+    /// Parameters of step 1 (Table A6).
     organ: [f64; 6],
-    /// Table A7.
+    /// Parameters of step 2 (Table A7).
     cell: [f64; 9],
     iterations: u32,
     evaluations: u64,

@@ -111,7 +111,7 @@ pub struct Tally {
     pub twice: usize,
     /// Number of tasks that were begun again after they had a result.
     pub again: usize,
-    /// Number of attempts.
+    /// Number of attempts' directories, over all tasks.
     pub attempts: usize,
     /// Number of attempts other than the first of their task.
     pub repeated: usize,
@@ -162,7 +162,7 @@ impl<'a> Cohort<'a> {
         }
     }
 
-    /// Adds a setting.
+    /// Adds a setting `KEY=VALUE` to every command.
     pub fn set(mut self, setting: &str) -> Self {
         self.settings.push(setting.to_owned());
         self
@@ -218,7 +218,7 @@ impl<'a> Cohort<'a> {
         }
     }
 
-    /// Runs one tick.
+    /// Runs one tick to its end.
     pub fn advance(&self) -> Said {
         self.call(&self.with_settings(&["advance"]))
     }
