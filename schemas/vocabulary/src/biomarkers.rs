@@ -139,9 +139,9 @@ impl Biomarker {
         self.label().unit
     }
 
-    /// Keys of [`Self::OF_COST`].
+    /// Keys of [`Self::OF_COST`], in its order.
     pub const COST_KEYS: [&'static str; Self::OF_COST.len()] = keys(Self::OF_COST);
-    /// Keys of [`Self::OF_ORGAN`].
+    /// Keys of [`Self::OF_ORGAN`], in its order.
     pub const ORGAN_KEYS: [&'static str; Self::OF_ORGAN.len()] = keys(Self::OF_ORGAN);
 
     /// The biomarker with this key.

@@ -15,7 +15,7 @@ pub struct Label {
     pub subscript: &'static str,
     /// Unit, for example `ms`; empty for a dimensionless quantity.
     pub unit: &'static str,
-    /// Meaning in words.
+    /// Meaning in a few words, in lower case, for tables and messages.
     pub meaning: &'static str,
 }
 

@@ -84,7 +84,7 @@ impl Default for HolzapfelOgden {
 /// Constants of Guccione's law. A cohort gives them as keys of the wall.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Guccione {
-    /// Stiffness `C` \[kPa\].
+    /// Stiffness `C`, a factor on all stress \[kPa\].
     pub c_kpa: f64,
     /// Exponent `b_f` of fibre strain.
     pub b_f: f64,

@@ -43,7 +43,7 @@ pub struct TanhParameters {
 }
 
 impl Default for TanhParameters {
-    /// Table A1.
+    /// Values of Table A1 of Jung et al. 2022.
     fn default() -> Self {
         Self {
             smax_ref_kpa: 100.0,

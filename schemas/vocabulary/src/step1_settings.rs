@@ -102,9 +102,9 @@ impl Default for Step1Settings {
 /// Interval that a parameter may take, both ends included, in the unit of the parameter's key.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
-    /// Smallest value.
+    /// Smallest value that the parameter may take.
     pub lower: f64,
-    /// Largest value.
+    /// Largest value that the parameter may take.
     pub upper: f64,
 }
 
@@ -123,7 +123,7 @@ impl Bounds {
 }
 
 impl Step1Settings {
-    /// Initial parameters.
+    /// Parameters of Tanh model and valves for the first simulation.
     #[must_use]
     pub fn start(&self) -> Step1Parameters {
         Step1Parameters {
