@@ -186,12 +186,12 @@ pub enum PlaceholderError {
     Unknown {
         /// Name in the placeholder.
         name: String,
-        /// Line, from 1.
+        /// Number of the line, from 1.
         line: usize,
     },
     /// A `{` without `}`, or a `}` without `{`.
     Brace {
-        /// Line, from 1.
+        /// Number of the line, from 1.
         line: usize,
     },
 }

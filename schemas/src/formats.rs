@@ -78,9 +78,9 @@ formats! {
     EXTERNAL_PARAMETERS { "external parameters", 1, "parameters of an external solver", "worker", "external solver", "schemas/tests/golden/external-parameters.json" }
     /// Named arrays with a header and a checksum.
     ARRAYS { "arrays", 1, "`ventricle.bin`, `checkpoint/beat.bin`", "worker", "worker", "worker/tests/golden/arrays.bin" }
-    /// Arrays of `ventricle.bin`.
+    /// Ventricle of step 0: mesh, wall and end-diastolic state as named arrays.
     VENTRICLE { "ventricle", 2, "arrays of `ventricle.bin`", "worker", "worker", "" }
-    /// Arrays of a beat's checkpoint.
+    /// State of a beat between two steps as named arrays.
     BEAT_CHECKPOINT { "beat checkpoint", 4, "arrays of `checkpoint/beat.bin`", "worker", "worker", "" }
     /// Costs that an optimiser received.
     SEARCH_JOURNAL { "search journal", 2, "`checkpoint/told-costs`", "worker", "worker", "worker/tests/golden/told-costs" }
@@ -96,13 +96,13 @@ formats! {
 
     /// Database of a run. Migrations raise earlier versions to this one.
     DATABASE { "database", 2, "`cardiotwin.db`", "coordinator", "coordinator", "coordinator/src/store/golden/database.sql" }
-    /// A patient's machine.
+    /// State of a patient's state machine.
     PATIENT_STATE { "patient's state", 1, "column `patients.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/patient-states.json" }
-    /// A task's machine.
+    /// State of a task's state machine.
     TASK_STATE { "task's state", 1, "column `tasks.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/task-states.json" }
-    /// An attempt's machine.
+    /// State of an attempt's state machine.
     ATTEMPT_STATE { "attempt's state", 1, "column `attempts.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/attempt-states.json" }
-    /// The machine of a cluster's job.
+    /// State of the state machine of a cluster's job.
     JOB_STATE { "cluster job's state", 1, "column `jobs.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/job-states.json" }
     /// Events of the state machines.
     EVENTS { "events", 1, "column `events.event`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/events.json" }
@@ -141,7 +141,7 @@ formats! {
     RUN_RECORD { "run record", 1, "`cardiotwin show --json`, `record.json` of an RO-Crate", "coordinator", "people's programs", "schemas/tests/golden/run-record.json" }
     /// A fitted calcium transient.
     CALCIUM_FIT { "calcium fit", 1, "`cardiotwin fit calcium --json`", "coordinator", "people's programs", "schemas/tests/golden/calcium-fit.json" }
-    /// A fitted afterload.
+    /// A Windkessel fitted to flow and pressure.
     AFTERLOAD_FIT { "afterload fit", 1, "`cardiotwin fit afterload --json`", "coordinator", "people's programs", "schemas/tests/golden/afterload-fit.json" }
     /// An afterload fitted to a cuff's pressures.
     CUFF_FIT { "cuff fit", 1, "`cardiotwin fit afterload --cuff --json`", "coordinator", "people's programs", "schemas/tests/golden/cuff-fit.json" }
@@ -190,7 +190,7 @@ pub enum FormatError {
         place: String,
         /// Name of the format.
         format: &'static str,
-        /// Version found.
+        /// Version that the content states.
         found: u32,
         /// Latest version that this program reads.
         known: u32,

@@ -14,7 +14,7 @@ macro_rules! text_id {
         pub struct $name(pub String);
 
         impl $name {
-            /// Identifier as text.
+            /// Text of the identifier, as in files and paths.
             #[must_use]
             pub fn as_str(&self) -> &str {
                 &self.0

@@ -50,9 +50,9 @@ pub struct MotionMeasures {
 pub struct MotionMeasure {
     /// Key in files, with unit.
     pub key: &'static str,
-    /// Name in reports.
+    /// Name of the measure in reports.
     pub name: &'static str,
-    /// Unit in reports.
+    /// Unit of the measure in reports.
     pub unit: &'static str,
     /// Normal range, in the unit.
     pub normal: [f64; 2],
@@ -74,7 +74,7 @@ pub enum Against {
 }
 
 impl Against {
-    /// Word for reports.
+    /// Word for this result in reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {

@@ -33,7 +33,7 @@ impl NoticeKind {
         }
     }
 
-    /// Meaning for reports.
+    /// Explanation of the event for reports.
     #[must_use]
     pub fn meaning(self) -> &'static str {
         match self {

@@ -252,7 +252,7 @@ impl OrganBeatResult {
             .find(|check| !check.passed && check.is_of_a_valve())
     }
 
-    /// First failed check.
+    /// First failed check of any kind; `None` if the beat passes all of them.
     #[must_use]
     pub fn failed_check(&self) -> Option<&Check> {
         self.checks.iter().find(|check| !check.passed)
@@ -332,7 +332,7 @@ pub enum Determination {
 }
 
 impl Determination {
-    /// Word for reports.
+    /// Word for this result in reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {

@@ -165,7 +165,7 @@ impl TableKind {
         Self::Step2Biomarkers,
     ];
 
-    /// Name in files.
+    /// Name of the table in files.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {

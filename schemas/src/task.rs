@@ -366,9 +366,9 @@ pub struct Step1Beat {
 /// A patient's cell in the organ, the start of step 3.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellInOrgan {
-    /// The verification beat.
+    /// Verification beat, with the cell of step 2.
     pub beat: OrganBeatSpec,
-    /// Step 1's best beat.
+    /// Best beat of step 1; `None` if step 1 gave none.
     pub step1: Option<Step1Beat>,
 }
 
