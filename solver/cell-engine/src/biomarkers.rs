@@ -13,51 +13,52 @@ pub struct Duration {
     pub cut: bool,
 }
 
-/// What the paper measures on a beat of the cell.
+/// Biomarkers that the paper reads from a beat of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CellBiomarkers {
     /// Largest active stress \[kPa\].
     pub sa_max_kpa: f64,
-    /// Its time \[ms\].
+    /// Time of the largest active stress \[ms\].
     pub t_sa_max_ms: f64,
     /// Fastest rise before the maximum \[kPa/ms\].
     pub dsa_dt_max_kpa_per_ms: f64,
-    /// Time above 70 % of the maximum.
+    /// Time for which the stress is above 70 % of the maximum.
     pub std30: Duration,
-    /// Time above 50 %.
+    /// Time for which the stress is above 50 % of the maximum.
     pub std50: Duration,
-    /// Time above 10 %.
+    /// Time for which the stress is above 10 % of the maximum.
     pub std90: Duration,
-    /// Smallest stretch.
+    /// Smallest stretch of the beat, relative to the slack length.
     pub lambda_min: f64,
     /// Stress at the beat's start \[kPa\].
     pub sa_res_kpa: f64,
-    /// Smallest stress \[kPa\].
+    /// Smallest active stress of the beat \[kPa\].
     pub sa_min_kpa: f64,
     /// Steepest rise between two samples after the maximum, 0 if none \[kPa/ms\].
     pub max_rise_after_peak_kpa_per_ms: f64,
-    /// Activation to 50 % decay of calcium, from the analytic transient and not cut at the cycle's end \[ms\].
+    /// Time from activation to 50 % decay of calcium \[ms\], from the analytic transient and not
+    /// cut at the cycle's end.
     pub ctd50_ms: f64,
-    /// To 90 % decay \[ms\].
+    /// Time from activation to 90 % decay of calcium \[ms\], read in the same way.
     pub ctd90_ms: f64,
 }
 
 /// The terms of the paper's penalty, kPa and ms, unweighted.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Penalty {
-    /// Sa(0)².
+    /// Square of the stress at the beat's start, Sa(0)².
     pub sa_res: f64,
-    /// ∫ min(0, Sa)² dt, by trapezoids.
+    /// Integral of negative stress, ∫ min(0, Sa)² dt, by trapezoids.
     pub negative_stress: f64,
-    /// ∫ max(0, dSa/dt)² dt after the maximum, one slope per interval.
+    /// Integral of rises after the maximum, ∫ max(0, dSa/dt)² dt, with one slope per interval.
     pub rise_after_peak: f64,
-    /// min(0, CTD50 − 120)².
+    /// Square of the time by which CTD50 is below 120 ms.
     pub ctd50_low: f64,
-    /// max(0, CTD50 − 420)².
+    /// Square of the time by which CTD50 is above 420 ms.
     pub ctd50_high: f64,
-    /// min(0, CTD90 − 220)².
+    /// Square of the time by which CTD90 is below 220 ms.
     pub ctd90_low: f64,
-    /// max(0, CTD90 − 785)².
+    /// Square of the time by which CTD90 is above 785 ms.
     pub ctd90_high: f64,
 }
 
@@ -75,7 +76,7 @@ impl Penalty {
     }
 }
 
-/// What the calcium transient's durations cost: known before any step.
+/// Penalty terms of the calcium transient's durations, which are known before any step.
 pub fn calcium_penalty(ctd50: f64, ctd90: f64) -> Penalty {
     let squared = |x: f64| x.max(0.0).powi(2);
     Penalty {

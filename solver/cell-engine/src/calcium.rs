@@ -78,7 +78,7 @@ impl SampledCalcium {
         )
     }
 
-    /// What the transient is within a cycle.
+    /// Transient of these samples within a cycle, with the durations that its grid shows.
     pub(crate) fn within(&self, cycle_ms: f64) -> Transient<'_> {
         let grid = |k: usize| self.at(k as f64).0;
         let end = cycle_ms as usize;
@@ -116,9 +116,9 @@ pub(crate) struct Transient<'a> {
     rest: f64,
     amplitude: f64,
     peak_ms: f64,
-    /// Activation to 50 % decay.
+    /// Time from activation to 50 % decay \[ms\].
     pub ctd50_ms: f64,
-    /// To 90 % decay.
+    /// Time from activation to 90 % decay \[ms\].
     pub ctd90_ms: f64,
 }
 
@@ -148,7 +148,7 @@ impl Transient<'_> {
         }
     }
 
-    /// Largest value \[µM\].
+    /// Largest value of the transient \[µM\].
     pub fn peak(&self) -> f64 {
         self.rest + self.amplitude
     }

@@ -1,4 +1,4 @@
-//! Which instructions run the lanes: chosen at run time, or pinned.
+//! Choice of the instructions that run the lanes, at run time or by a setting.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,23 +12,23 @@ use crate::step::{Lanes, step};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SimdPath {
-    /// What every target of the compiler has, no fused multiply-add.
+    /// Instructions of every target of the compiler, without fused multiply-add.
     Portable,
-    /// Four lanes a register, fused multiply-add.
+    /// Four lanes a register, with fused multiply-add.
     Avx2,
-    /// Eight lanes a register, fused multiply-add.
+    /// Eight lanes a register, with fused multiply-add.
     Avx512,
 }
 
-/// The path that a setting asks for is not one that this processor has.
+/// A setting asks for a path that this processor does not have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "this processor does not support the {wanted:?} path: use {best:?} or leave the path unset"
 )]
 pub struct PathMissing {
-    /// What was asked for.
+    /// Path that the setting asks for.
     pub wanted: SimdPath,
-    /// The best that there is.
+    /// Best path of this processor.
     pub best: SimdPath,
 }
 
@@ -83,7 +83,7 @@ impl Available {
         }
     }
 
-    /// Which one it is.
+    /// Path by its public name.
     pub fn path(self) -> SimdPath {
         self.0
     }
@@ -142,7 +142,7 @@ pub(crate) fn step_lanes(path: Available, lanes: &mut Lanes, samples: Option<&Sa
     }
 }
 
-/// Prepares every lane.
+/// Prepares every lane with the instructions of `path`.
 #[cfg_attr(
     target_arch = "x86_64",
     expect(

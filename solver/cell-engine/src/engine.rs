@@ -12,15 +12,15 @@ use crate::lanes::LANES;
 use crate::output::{CellOutput, CellTrace, CostBound};
 use crate::schedule::{Run, Slots};
 
-/// How to integrate.
+/// Settings of the integration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EngineSettings {
-    /// Instruction set; the best of this processor when open.
+    /// Instruction set; `None` takes the best one of this processor.
     pub path: Option<SimdPath>,
     /// Bound of each step's error relative to the quantity (and to a share of its peak where it is small); also of the
     /// state's change over a beat that counts as periodic.
     pub tolerance: f64,
-    /// What to do with k_WU < 0.
+    /// Treatment of cells with k_WU < 0.
     pub negative_kwu: NegativeKwu,
     /// Beats at full accuracy before a cell counts as not periodic.
     pub max_beats: u32,
@@ -51,7 +51,7 @@ impl Default for EngineSettings {
     }
 }
 
-/// Why an engine could not be made or used.
+/// Reasons why an engine could not be made or used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum EngineError {
     /// The pinned path does not run here.
@@ -60,21 +60,21 @@ pub enum EngineError {
     /// A setting is outside of its range.
     #[error("setting {name} is {value}, expected {expected}")]
     Setting {
-        /// Which one.
+        /// Name of the setting.
         name: &'static str,
-        /// Its value.
+        /// Value of the setting.
         value: f64,
-        /// The range.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
     /// Slices of different lengths.
     #[error("found {inputs} inputs, but {others} {name}: give one for each input")]
     Lengths {
-        /// Number of inputs.
+        /// Number of cells to evaluate.
         inputs: usize,
-        /// Number of the others.
+        /// Length of the other slice.
         others: usize,
-        /// What the others are.
+        /// Plural noun for the entries of the other slice.
         name: &'static str,
     },
 }
@@ -87,7 +87,7 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// An empty workspace.
+    /// A workspace that takes its memory at the first batch.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
@@ -175,7 +175,7 @@ impl CellEngine {
         self.path.path()
     }
 
-    /// The settings.
+    /// Settings with which the engine was made.
     #[must_use]
     pub fn settings(&self) -> &EngineSettings {
         &self.settings
@@ -184,7 +184,8 @@ impl CellEngine {
     /// Evaluates `inputs` on this thread.
     ///
     /// # Errors
-    /// [`EngineError::Lengths`] when `outputs` is not as long as `inputs`. What goes wrong with a cell is in its output.
+    /// [`EngineError::Lengths`] when `outputs` is not as long as `inputs`. A cell's own problem is
+    /// in its output.
     pub fn evaluate(
         &self,
         inputs: &[CellInput],

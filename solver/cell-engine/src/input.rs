@@ -1,4 +1,4 @@
-//! What one evaluation needs, and the constants derived from it once.
+//! Input of one evaluation, and the constants derived from it once.
 
 use serde::{Deserialize, Serialize};
 
@@ -59,7 +59,7 @@ pub struct PassiveConstants {
 }
 
 impl Default for PassiveConstants {
-    /// Defaults of [`LandPassiveParameters`].
+    /// Constants of the default [`LandPassiveParameters`], without the scale a_p.
     fn default() -> Self {
         let LandPassiveParameters {
             a_p_kpa: _,
@@ -80,7 +80,7 @@ impl Default for PassiveConstants {
 /// One cell to evaluate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellInput {
-    /// In the order of [`PARAMETER_NAMES`].
+    /// Values in the order of [`PARAMETER_NAMES`].
     pub parameters: [f64; N_PARAMETERS],
     /// Period of the stimulation \[ms\].
     pub cycle_length_ms: f64,
@@ -103,28 +103,29 @@ impl CellInput {
     }
 }
 
-/// What to do with a cell whose k_WU = k_UW (1/r_W − 1) − k_WS is negative.
+/// Treatment of a cell whose k_WU = k_UW (1/r_W − 1) − k_WS is negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NegativeKwu {
-    /// Evaluate it as it is, as the reference's sensitivity analysis does; the output says so.
+    /// Evaluates the cell as it is, as the reference's sensitivity analysis does; the output says
+    /// so.
     Keep,
-    /// Refuse it.
+    /// Refuses the cell before any step.
     #[default]
     Refuse,
 }
 
-/// Why a cell was refused before any step.
+/// Reasons why a cell was refused before any step.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum InputProblem {
     /// A number is not finite, or outside of what the equations allow.
     #[error("{name} is {value}, expected {expected}")]
     Range {
-        /// Which number.
+        /// Name of the number.
         name: &'static str,
-        /// What was given.
+        /// Number as given.
         value: f64,
-        /// What the equations need.
+        /// Range that the equations need, in words.
         expected: &'static str,
     },
     /// The waiting crossbridges would return at a negative rate.
@@ -132,7 +133,7 @@ pub enum InputProblem {
         "k_WU = k_UW (1/r_W - 1) - k_WS is {value_per_ms:.6} per ms, negative: lower k_WS or r_W, or keep such cells by the engine's setting"
     )]
     NegativeKwu {
-        /// k_WU \[1/ms\].
+        /// Rate k_WU at which waiting crossbridges would return \[1/ms\].
         value_per_ms: f64,
     },
     /// Calcium sensitivity is lost at the initial stretch.
@@ -140,7 +141,7 @@ pub enum InputProblem {
         "Ca50 at the initial stretch is {value_um} uM, expected more than 0: raise Ca50_ref or beta_1"
     )]
     Ca50 {
-        /// Ca50_ref + beta_1 (min(lambda_0, 1.2) - 1) \[µM\].
+        /// Ca50 at the initial stretch, Ca50_ref + beta_1 (min(lambda_0, 1.2) - 1) \[µM\].
         value_um: f64,
     },
 }
@@ -148,71 +149,71 @@ pub enum InputProblem {
 lanes! {
     /// Constants of one cell as the right-hand side uses them (ms, kPa, µM).
     Constants, ConstantLanes {
-        /// k_TRPN.
+        /// Unbinding rate k_TRPN of calcium from troponin C.
         k_trpn,
-        /// n_TRPN.
+        /// Hill exponent n_TRPN of calcium binding.
         n_trpn,
-        /// Ca50_ref.
+        /// Half-saturation Ca50_ref at a stretch of 1.
         ca50_ref,
-        /// β1.
+        /// Slope β1 of Ca50 with the stretch.
         beta_1,
-        /// k_U.
+        /// Unblocking rate k_U of binding sites.
         k_u,
-        /// k_B.
+        /// Blocking rate k_B of binding sites.
         k_b,
-        /// n_Tm / 2.
+        /// Half of the exponent n_Tm, as it appears in the rates.
         half_n_tm,
-        /// k_UW.
+        /// Rate k_UW from unblocked to weakly bound.
         k_uw,
-        /// k_WS.
+        /// Rate k_WS from weakly to strongly bound.
         k_ws,
-        /// k_WU.
+        /// Rate k_WU from weakly bound back to unblocked.
         k_wu,
-        /// k_SU.
+        /// Rate k_SU from strongly bound back to unblocked.
         k_su,
-        /// γ_S.
+        /// Factor γ_S of distortion on the unbinding of strongly bound crossbridges.
         gamma_s,
-        /// γ_W.
+        /// Factor γ_W of distortion on the unbinding of weakly bound crossbridges.
         gamma_w,
-        /// A.
+        /// Distortion A per change of the stretch.
         a,
-        /// c_W.
+        /// Decay rate c_W of the distortion ζ_W.
         c_w,
-        /// c_S.
+        /// Decay rate c_S of the distortion ζ_S.
         c_s,
-        /// β0.
+        /// Slope β0 of the overlap h with the stretch.
         beta_0,
-        /// Smax_ref / r_S.
+        /// Stress per pulling crossbridge, Smax_ref / r_S.
         s_scale,
-        /// Ca_res.
+        /// Resting calcium Ca_res.
         ca_res,
-        /// Ca_max.
+        /// Peak calcium Ca_max.
         ca_max,
         /// Amplitude on slow(t)·(1 − fast(t)); zero for equal time constants.
         ca_gap_scale,
         /// Amplitude on slow(t)·t; zero unless the time constants are equal.
         ca_limit_scale,
-        /// 1 / max(τ).
+        /// Rate of the slower exponential, 1 / max(τ).
         ca_slow,
-        /// 1 / min(τ) − 1 / max(τ).
+        /// Rate by which the faster exponential exceeds the slower, 1 / min(τ) − 1 / max(τ).
         ca_gap,
-        /// a_p.
+        /// Scale a_p of the passive stress.
         a_p,
         /// Exponent b of the passive model.
         b,
         /// Ratio k of the serial spring to the parallel one.
         k,
-        /// a_p · k.
+        /// Stiffness a_p · k of the serial spring.
         a_p_k,
-        /// k / η_l.
+        /// Rate k / η_l of C_V while the serial spring is stretched.
         rate_l,
-        /// k / η_s.
+        /// Rate k / η_s of C_V while it is compressed.
         rate_s,
-        /// 1 / λ₀.
+        /// Reciprocal of the initial stretch, 1 / λ₀.
         inv_lambda_0,
-        /// λ₀.
+        /// Initial stretch λ₀.
         lambda_0,
-        /// Cycle length.
+        /// Cycle length, at whose multiples the cell is activated.
         cycle,
     }
 }

@@ -28,7 +28,7 @@ macro_rules! lanes {
                 $(self.$field[i] = value.$field;)+
             }
 
-            /// What lane `i` holds.
+            /// Values of lane `i`.
             #[allow(dead_code, reason = "not every struct needs every copy")]
             #[inline(always)]
             pub fn get(&self, i: usize) -> $one {

@@ -25,21 +25,23 @@ const TINY: f64 = 1e-12;
 lanes! {
     /// State of one cell; also an increment or a rate of it, whose last entry is then the residual of Sa + S_p = 0.
     State, StateLanes {
-        /// CaTRPN.
+        /// Occupancy CaTRPN of troponin C with calcium.
         c,
-        /// U, neither blocked nor bound.
+        /// Share U of sites that are neither blocked nor bound.
         u,
-        /// W.
+        /// Share W of weakly bound crossbridges.
         w,
-        /// S.
+        /// Share S of strongly bound crossbridges.
         s,
-        /// z_W = ζ_W − A λ.
-        z_w,
-        /// z_S = ζ_S − A λ.
-        z_s,
-        /// C_V.
-        v,
+        /// Distortion of weakly bound crossbridges without its part from the stretch, z_W = ζ_W − A
         /// λ.
+        z_w,
+        /// Distortion of strongly bound crossbridges without its part from the stretch, z_S = ζ_S −
+        /// A λ.
+        z_s,
+        /// Strain C_V of the passive dashpot.
+        v,
+        /// Fibre stretch λ.
         l,
     }
 }
@@ -60,7 +62,6 @@ impl State {
         }
     }
 
-    /// `self + other`.
     #[inline(always)]
     pub fn add(self, other: &Self) -> Self {
         Self {
@@ -139,7 +140,7 @@ pub fn overlap<const FMA: bool>(p: &Constants, l: f64, low: f64) -> f64 {
     equations::overlap(Lane::<FMA>(p.beta_0), Lane(cut), Lane(second)).0
 }
 
-/// Its slope.
+/// Slope of [`overlap`] with the stretch on the same side of the kink.
 #[inline(always)]
 fn overlap_slope<const FMA: bool>(p: &Constants, l: f64, low: f64, h: f64) -> f64 {
     let slope = fma::<FMA>(p.beta_0, low, p.beta_0);
@@ -169,9 +170,9 @@ struct Point<const FMA: bool> {
     state: [Lane<FMA>; 6],
     /// Terms of their rates.
     terms: Terms<Lane<FMA>>,
-    /// Of the passive element.
+    /// Stress of the passive element.
     passive: PassiveStress<Lane<FMA>>,
-    /// h(λ).
+    /// Overlap h(λ).
     h: f64,
 }
 
@@ -214,31 +215,32 @@ pub fn rates<const FMA: bool>(p: &Constants, x: &State, ca: f64, low: f64) -> St
     Point::<FMA>::at(p, x, ca, low).rates(p)
 }
 
-/// Active stress \[kPa\].
+/// Active stress Sa of a state \[kPa\], on the given side of the kink.
 #[inline(always)]
 pub fn active_stress<const FMA: bool>(p: &Constants, x: &State, low: f64) -> f64 {
     overlap::<FMA>(p, x.l, low) * p.s_scale * pull(&land_state::<FMA>(p, x)).0
 }
 
-/// What a plot needs at one time: stress, stretch and their rates.
+/// Values that a plot needs at one time: stress, stretch and their rates.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Slopes {
     /// Active stress \[kPa\].
     pub sa: f64,
-    /// Its rate \[kPa/ms\].
+    /// Rate of the active stress \[kPa/ms\].
     pub dsa: f64,
     /// Rate of the stretch \[1/ms\].
     pub dl: f64,
 }
 
-/// What a step that runs across a kink of the rates may lose by it, which the embedded error estimate does not see.
+/// Error that a step across a kink of the rates may make, and that the embedded error estimate does
+/// not see.
 #[derive(Debug, Clone, Copy)]
 pub struct Kinks {
-    /// On W, where ζ_W changes sign.
+    /// Error of W, where ζ_W changes sign.
     pub w: f64,
-    /// On S, where ζ_S changes sign.
+    /// Error of S, where ζ_S changes sign.
     pub s: f64,
-    /// On the stress \[kPa\], where the dashpot changes its side.
+    /// Error of the stress \[kPa\], where the dashpot changes its side.
     pub stress: f64,
 }
 
@@ -246,8 +248,8 @@ pub struct Kinks {
 const KINK_SHARE: f64 = 0.03;
 
 impl Kinks {
-    /// Of the step from `x` to `y` of length `h`: a rate g·max(0, ξ) whose ξ changes sign within a step is off by no more
-    /// than g times the smaller end of ξ.
+    /// Error of the step from `x` to `y` of length `h`: a rate g·max(0, ξ) whose ξ changes sign
+    /// within a step is off by no more than g times the smaller end of ξ.
     #[inline(always)]
     pub fn between<const FMA: bool>(p: &Constants, x: &State, y: &State, h: f64) -> Self {
         let smaller = |a: f64, b: f64| {

@@ -1,11 +1,11 @@
-//! What an evaluation returns, and the cost of the paper's fit.
+//! Output of an evaluation, and the cost of the paper's fit.
 
 use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{CellBiomarkers, Penalty};
 use crate::input::InputProblem;
 
-/// How an evaluation ended.
+/// Ending of an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum CellStatus {
     /// In its periodic state: the state returns over the reported beat to within the tolerance.
@@ -13,12 +13,12 @@ pub enum CellStatus {
     Periodic,
     /// Not periodic after the allowed number of beats; the last beat is reported.
     NotPeriodic,
-    /// Given up because its cost cannot come below the bound; what is reported is the transient beat that showed it, or,
-    /// with no beat at all, calcium's durations.
+    /// Given up because its cost cannot come below the bound. The output then holds the transient
+    /// beat that showed it or, with no beat at all, calcium's durations.
     Hopeless,
     /// A step became too short, or too many steps were needed; nothing else is reported.
     Stuck {
-        /// Where \[ms\] in the beat.
+        /// Time in the beat \[ms\].
         t_ms: f64,
     },
     /// Refused before any step; nothing else is reported.
@@ -28,7 +28,7 @@ pub enum CellStatus {
 /// Result of one evaluation. Without a beat all numbers but those of calcium are zero; none is ever NaN.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CellOutput {
-    /// How it ended.
+    /// Ending of the evaluation.
     pub status: CellStatus,
     /// Biomarkers of the reported beat on the 1 ms grid.
     pub biomarkers: CellBiomarkers,
@@ -38,9 +38,9 @@ pub struct CellOutput {
     pub beats: u32,
     /// Change of the state over the reported beat, relative to the state's peaks and in the norm of the error control.
     pub state_change: f64,
-    /// Steps accepted, all beats together.
+    /// Number of accepted steps, all beats together.
     pub steps: u32,
-    /// Steps tried in vain.
+    /// Number of refused steps, all beats together.
     pub steps_refused: u32,
     /// Whether k_WU is negative.
     pub negative_kwu: bool,
@@ -57,11 +57,11 @@ impl CellOutput {
 /// A beat on the grid 0, 1, … ms.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct CellTrace {
-    /// Active stress \[kPa\].
+    /// Active stress at each time \[kPa\].
     pub sa_kpa: Vec<f64>,
-    /// Stretch.
+    /// Stretch at each time, relative to the slack length.
     pub lambda: Vec<f64>,
-    /// Calcium \[µM\].
+    /// Calcium at each time \[µM\].
     pub calcium_um: Vec<f64>,
 }
 
@@ -84,7 +84,7 @@ impl Objective {
         }
     }
 
-    /// Σ w ((target − value)/target)² + penalty.
+    /// Cost of a beat, Σ w ((target − value)/target)² + penalty.
     #[must_use]
     pub fn cost(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> f64 {
         let b = biomarkers;
@@ -109,11 +109,11 @@ impl Objective {
 /// Costs above which an optimiser has no use for a cell.
 #[derive(Debug, Clone, Copy)]
 pub struct CostBound<'a> {
-    /// The cost.
+    /// Cost that a beat is given, with its targets.
     pub objective: &'a Objective,
     /// One bound for each input.
     pub bounds: &'a [f64],
-    /// A transient beat gives a cell up when its cost is above `margin` times the bound: the periodic beat's cost may be
-    /// somewhat lower. 2 is on the safe side.
+    /// Factor on the bound above which a transient beat gives a cell up, because the periodic
+    /// beat's cost may be somewhat lower. A factor of 2 is on the safe side.
     pub margin: f64,
 }

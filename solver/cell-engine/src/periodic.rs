@@ -27,8 +27,8 @@ pub fn change(p: &Constants, floors: &Floors, a: &State, b: &State, low: f64) ->
         .fold(0.0, |largest, x| if x <= largest { largest } else { x })
 }
 
-/// Where to start the next beat: ζ relaxes at the known rates c over a beat, so what is left of it is known too; C_V then
-/// closes the balance of stresses.
+/// State from which to start the next beat. ζ relaxes at the known rates c over a beat, so its
+/// remaining change is known too; C_V then closes the balance of stresses.
 pub fn extrapolate(p: &Constants, start: &State, end: &State, low: f64) -> State {
     let ahead = |x: f64, y: f64, rate: f64| x + (y - x) / -(-rate * p.cycle).exp_m1().min(-1e-3);
     let mut next = State {

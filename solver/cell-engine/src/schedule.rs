@@ -1,4 +1,4 @@
-//! What happens to each lane between steps: nodes, kinks, ends of beats, periodicity, the next cell.
+//! Decisions on each lane between steps: nodes, kinks, ends of beats, periodicity, the next cell.
 //!
 //! ```text
 //! input ─ refused ───────────────────────────────────────────► output
@@ -153,7 +153,7 @@ pub struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Evaluates all inputs.
+    /// Evaluates all inputs, each in the lane that becomes free first.
     pub fn all(mut self, slots: &mut Slots) {
         slots.waiting.n = 0;
         slots.waiting.next = 0;
@@ -371,7 +371,8 @@ impl Run<'_> {
         lanes.clock.fast[i] = (-p.ca_gap * t).exp();
     }
 
-    /// Where within the cycle a cell's run-in starts. A bound is worth a whole beat: most cells of an optimiser end there.
+    /// Time within the cycle at which a cell's run-in starts. A bound is worth a whole beat: most
+    /// cells of an optimiser end there.
     fn run_in_start(&self, p: &Constants, transient: &Transient<'_>) -> f64 {
         let t = p.cycle - self.settings.run_in_ms;
         let relaxed = transient.is_past(t);
@@ -421,7 +422,8 @@ impl Run<'_> {
                 continue;
             }
             let t = self.run_in_start(&p, &transient);
-            // What returns at the cycle's end is in equilibrium with the calcium there, not with that of t = 0.
+            // The state at the cycle's end is in equilibrium with the calcium there, not with that
+            // of t = 0.
             let ca = transient.at(if t == 0.0 { p.cycle } else { t });
             waiting.constants.set(waiting.n, &p);
             waiting.start.set(waiting.n, &StartTime { t, ca });

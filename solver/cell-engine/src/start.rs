@@ -1,5 +1,5 @@
-//! Where a cell starts: in static equilibrium with the calcium of the time at which it starts; and how large its states
-//! will become: their equilibrium at peak calcium.
+//! Start of a cell, in static equilibrium with the calcium of the time at which it starts; and the
+//! expected size of its states, which is their equilibrium at peak calcium.
 
 use crate::input::{ConstantLanes, Constants};
 use crate::lanes::{LANES, lanes};
@@ -16,11 +16,11 @@ const SEARCH_STEPS: usize = 10;
 const INERT: f64 = 1e-18;
 
 lanes! {
-    /// What the preparation reads beside the constants.
+    /// Values that the preparation reads beside the constants.
     StartTime, StartTimeLanes {
         /// Time within the beat at which the cell starts \[ms\].
         t,
-        /// Calcium there \[µM\].
+        /// Calcium at that time \[µM\].
         ca,
     }
 }
@@ -28,9 +28,9 @@ lanes! {
 /// Results of the preparation.
 #[derive(Debug, Clone)]
 pub struct Prepared {
-    /// Starting states.
+    /// States in static equilibrium, from which the cells start.
     pub state: StateLanes,
-    /// Error floors.
+    /// Floors of the error weights, from the states at peak calcium.
     pub floors: FloorLanes,
 }
 
@@ -69,13 +69,13 @@ fn isometric<const FMA: bool>(p: &Constants, ca: f64, l: f64) -> (State, f64, f6
 lanes! {
     /// A bracket of the root and the function at its ends.
     Bracket, BracketLanes {
-        /// Lower end.
+        /// Stretch at the lower end.
         low,
-        /// Upper end.
+        /// Stretch at the upper end.
         high,
-        /// Unbalanced stress at the lower end, not positive.
+        /// Unbalanced stress at the lower end \[kPa\], not positive.
         f_low,
-        /// At the upper end, positive.
+        /// Unbalanced stress at the upper end \[kPa\], positive.
         f_high,
         /// Side of the last point: −1 or 1.
         last,
@@ -105,7 +105,7 @@ impl Bracket {
         }
     }
 
-    /// Where the secant meets zero.
+    /// Stretch at which the secant meets zero, within the bracket.
     #[inline(always)]
     fn secant(&self) -> f64 {
         let x = self.low + (self.high - self.low) * (self.f_low / (self.f_low - self.f_high));
@@ -149,7 +149,7 @@ fn equilibria<const FMA: bool>(constants: &ConstantLanes, ca: &[f64; LANES]) -> 
     brackets
 }
 
-/// Prepares every lane.
+/// Computes the starting state and the error floors of every lane.
 #[inline(always)]
 pub fn prepare<const FMA: bool>(
     constants: &ConstantLanes,

@@ -9,21 +9,22 @@ use crate::model::{
 use cardiotwin_models::cell0d::tableau::{A2, A3, A4, A5, C2, C3, C4, C5, C6, D, GAMMA, TIMES};
 use cardiotwin_vector_math::{exp, fma, max, min};
 
-/// How near to the kink a step must end to count as ending on it.
+/// Largest distance from the kink at which a step counts as ending on it.
 pub const ON_KINK: f64 = 1e-6;
-/// Longest step \[ms\].
+/// Length to which a step may grow \[ms\].
 const LONGEST_STEP_MS: f64 = 100.0;
 /// Share of a quantity's peak that its error is measured against where the quantity itself is small.
 pub const PEAK_SHARE: f64 = 0.3;
 
 lanes! {
-    /// Time, calcium's two exponentials at that time, and what steers the step length.
+    /// Time, calcium's two exponentials at that time, and the quantities that steer the step
+    /// length.
     Clock, ClockLanes {
         /// Time within the beat \[ms\].
         t,
-        /// e^(−slow t).
+        /// Slower exponential of calcium, e^(−slow t).
         slow,
-        /// e^(−gap t).
+        /// Ratio of calcium's exponentials, e^(−gap t).
         fast,
         /// Step to try next \[ms\].
         h,
@@ -41,24 +42,24 @@ lanes! {
 lanes! {
     /// Expected peaks times [`PEAK_SHARE`]: floors of the error weights.
     Floors, FloorLanes {
-        /// Of CaTRPN.
+        /// Floor of CaTRPN.
         c,
-        /// Of U.
+        /// Floor of U.
         u,
-        /// Of W.
+        /// Floor of W.
         w,
-        /// Of S.
+        /// Floor of S.
         s,
-        /// Of the active stress \[kPa\].
+        /// Floor of the active stress \[kPa\].
         sa,
     }
 }
 
-/// What a step did.
+/// Outcomes of a step.
 pub mod outcome {
     /// The lane is idle.
     pub const IDLE: f64 = 0.0;
-    /// Accepted.
+    /// The step was accurate, and the lane advanced.
     pub const ACCEPTED: f64 = 1.0;
     /// Refused by the error estimate (or by a number that is not finite).
     pub const REFUSED: f64 = 2.0;
@@ -67,21 +68,21 @@ pub mod outcome {
 }
 
 lanes! {
-    /// What the scheduler reads after a step.
+    /// Values that the scheduler reads after a step.
     Report, ReportLanes {
-        /// One of [`outcome`].
+        /// One of the constants of [`outcome`].
         outcome,
         /// Time at the start of the step \[ms\].
         t,
-        /// Length tried \[ms\].
+        /// Length of the step that was tried \[ms\].
         h,
         /// Active stress at the start \[kPa\].
         sa,
-        /// Its rate \[kPa/ms\].
+        /// Rate of the active stress at the start \[kPa/ms\].
         dsa,
         /// Stretch at the start.
         l,
-        /// Its rate \[1/ms\].
+        /// Rate of the stretch at the start \[1/ms\].
         dl,
     }
 }
@@ -91,40 +92,40 @@ lanes! {
 pub struct Lanes {
     /// Constants of the cells.
     pub constants: ConstantLanes,
-    /// Their states.
+    /// Present states of the cells.
     pub state: StateLanes,
     /// States at the end of the step tried last, whatever its outcome.
     pub candidate: StateLanes,
-    /// Clocks.
+    /// Times and step lengths of the cells.
     pub clock: ClockLanes,
-    /// Error floors.
+    /// Floors of the cells' error weights.
     pub floors: FloorLanes,
-    /// Reports.
+    /// Reports on the last step.
     pub report: ReportLanes,
-    /// Between the phases of a step.
+    /// Memory between the phases of a step.
     pub scratch: Scratch,
 }
 
 lanes! {
-    /// What the stages of a step share.
+    /// Values that the stages of a step share.
     Frame, FrameLanes {
-        /// Step length \[ms\].
+        /// Length of the step \[ms\].
         h,
-        /// Its reciprocal.
+        /// Reciprocal of the step's length \[1/ms\].
         inv_h,
         /// Explicit time derivative of CaTRPN's rate times h.
         drift,
         /// Calcium at the start \[µM\].
         ca_1,
-        /// Its rate \[µM/ms\].
+        /// Rate of calcium at the start \[µM/ms\].
         ca_rate,
         /// Calcium at stage 2 \[µM\].
         ca_2,
-        /// At stage 3.
+        /// Calcium at stage 3 \[µM\].
         ca_3,
-        /// At stage 4.
+        /// Calcium at stage 4 \[µM\].
         ca_4,
-        /// At the end.
+        /// Calcium at the end \[µM\].
         ca_end,
         /// e^(−slow t) at the end.
         slow_end,
@@ -145,7 +146,7 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    /// Zeros.
+    /// Scratch memory filled with zeros.
     pub fn new() -> Self {
         Self {
             frame: FrameLanes::filled(&Frame::default()),

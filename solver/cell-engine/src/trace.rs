@@ -8,13 +8,13 @@ use cardiotwin_vector_math::{max, min};
 pub struct Node {
     /// Time within the beat \[ms\].
     pub t: f64,
-    /// Active stress \[kPa\].
+    /// Active stress at this time \[kPa\].
     pub sa: f64,
-    /// Its rate \[kPa/ms\].
+    /// Rate of the active stress \[kPa/ms\].
     pub dsa: f64,
-    /// Stretch.
+    /// Stretch at this time, relative to the slack length.
     pub l: f64,
-    /// Its rate \[1/ms\].
+    /// Rate of the stretch \[1/ms\].
     pub dl: f64,
 }
 
@@ -65,21 +65,21 @@ impl Cubic {
 /// A step: its ends, the samples of the 1 ms grid in it, and bounds of its cubic Hermite interpolants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    /// Start.
+    /// Node at the start of the step.
     pub from: Node,
-    /// End.
+    /// Node at the end of the step.
     pub to: Node,
-    /// First sample within, as far as earlier segments have not got it.
+    /// Index of the first sample in the step that no earlier segment holds.
     pub first: usize,
-    /// One past the last.
+    /// Index after the last sample in the step.
     pub end: usize,
-    /// The stress is nowhere smaller \[kPa\].
+    /// Lower bound of the stress \[kPa\].
     pub sa_low: f64,
-    /// Nor larger.
+    /// Upper bound of the stress \[kPa\].
     pub sa_high: f64,
-    /// It rises nowhere faster \[kPa/ms\].
+    /// Upper bound of the stress's rate \[kPa/ms\].
     pub rise_high: f64,
-    /// The stretch is nowhere smaller.
+    /// Lower bound of the stretch.
     pub lambda_low: f64,
 }
 
@@ -102,14 +102,14 @@ impl Segment {
         }
     }
 
-    /// The stress \[kPa\].
+    /// Interpolated stress over the step \[kPa\].
     #[inline]
     pub fn sa(&self) -> Cubic {
         let (a, b) = (&self.from, &self.to);
         Cubic::new(a.t, b.t - a.t, a.sa, a.dsa, b.sa, b.dsa)
     }
 
-    /// The stretch.
+    /// Interpolated stretch over the step.
     #[inline]
     pub fn lambda(&self) -> Cubic {
         let (a, b) = (&self.from, &self.to);

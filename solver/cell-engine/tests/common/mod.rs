@@ -22,7 +22,7 @@ pub fn numbers(value: &Value) -> Vec<f64> {
         .collect()
 }
 
-/// `tests/data/cell0d.json`.
+/// Beats that a reference implementation computed, from `tests/data/cell0d.json`.
 pub fn file() -> Value {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/cell0d.json");
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
@@ -47,12 +47,12 @@ pub fn references() -> Vec<Reference> {
         .collect()
 }
 
-/// Table A5 of Jung et al. 2022.
+/// Lower bounds of Table A5 of Jung et al. 2022.
 pub const LOW: [f64; N_PARAMETERS] = [
     0.05, 1.0, 0.5, 0.01, 3.0, 0.3, 0.026, 0.004, 0.25, 0.1, 0.005, 0.05, 0.1, 12.5, 1.15, -3.6,
     90.0, 0.075, 0.3, 64.5, 64.0, 1.0,
 ];
-/// Its upper bounds.
+/// Upper bounds of the same table.
 pub const HIGH: [f64; N_PARAMETERS] = [
     0.4, 5.0, 2.0, 2.0, 7.0, 0.5, 0.312, 0.048, 0.75, 0.25, 0.02, 3.0, 4.0, 37.5, 4.6, -1.2, 140.0,
     0.225, 0.9, 192.5, 192.0, 100.0,
