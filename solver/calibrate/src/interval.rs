@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Interval {
-    /// Smallest value.
+    /// Smallest value that the parameter may take.
     pub lower: f64,
-    /// Largest value.
+    /// Largest value that the parameter may take.
     pub upper: f64,
 }
 
@@ -23,9 +23,9 @@ pub enum IntervalError {
     Disordered {
         /// Index of the parameter.
         idx: usize,
-        /// Lower end.
+        /// Lower end of the interval.
         lower: f64,
-        /// Upper end.
+        /// Upper end of the interval.
         upper: f64,
     },
 }

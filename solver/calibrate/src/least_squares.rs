@@ -46,7 +46,7 @@ pub enum LeastSquaresError {
     Dimension {
         /// Length of the start.
         n_start: usize,
-        /// Number of intervals.
+        /// Number of intervals of the box.
         n_bounds: usize,
     },
     /// The residuals at the start are not all finite.
@@ -64,7 +64,7 @@ pub struct Fit {
     pub parameters: Vec<f64>,
     /// Sum of the squared residuals.
     pub sum_of_squares: f64,
-    /// Number of residuals.
+    /// Number of residuals at every point.
     pub n_residuals: usize,
     /// Whether each parameter is on a bound that the residuals push against.
     pub at_bound: Vec<bool>,

@@ -14,9 +14,9 @@ pub enum PopulationError {
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Value found.
+        /// Value that was given.
         value: f64,
-        /// Expected range.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
     /// A guess does not match the box, or there are more guesses than members.
@@ -28,7 +28,7 @@ pub enum PopulationError {
         idx: usize,
         /// Number of parameters of the guess.
         n_guess: usize,
-        /// Number of intervals.
+        /// Number of intervals of the box.
         n_bounds: usize,
         /// Largest number of guesses.
         n_guesses: usize,
@@ -49,7 +49,6 @@ pub enum PopulationError {
     Polish(#[from] LbfgsbError),
 }
 
-/// Checks one setting.
 pub(crate) fn check(
     key: &'static str,
     value: f64,

@@ -24,11 +24,11 @@ const FLOW_SD: f64 = 0.08;
 /// Pressures measured by a cuff.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cuff {
-    /// Systolic pressure, mmHg.
+    /// Systolic pressure of the arm \[mmHg\].
     pub systolic_mmhg: f64,
-    /// Diastolic pressure, mmHg.
+    /// Diastolic pressure of the arm \[mmHg\].
     pub diastolic_mmhg: f64,
-    /// Mean pressure, mmHg; `None` if it was not measured.
+    /// Mean pressure of the arm \[mmHg\]; `None` if it was not measured.
     pub mean_mmhg: Option<f64>,
     /// Standard deviation of each pressure, mmHg; [`CUFF_SD_MMHG`] if `None`.
     pub sd_mmhg: Option<f64>,
@@ -47,7 +47,7 @@ pub struct CuffFit {
     pub assumed_share: bool,
     /// Pressure of the load at the samples of the flow, mmHg.
     pub pressure_mmhg: Vec<f64>,
-    /// Mean flow, mL/s.
+    /// Mean flow over the beat \[mL/s\].
     pub mean_flow_ml_per_s: f64,
 }
 

@@ -68,7 +68,7 @@ pub struct Candidate {
 /// An effect that the search accepted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
-    /// Accepted effect.
+    /// Catalogue entry of the effect.
     pub effect: &'static Effect,
     /// Fall of BIC of the final model against the same model without the effect.
     pub delta_bic: f64,
@@ -81,7 +81,7 @@ pub struct Found {
 pub struct Stage {
     /// Names of the effects that the model already contains.
     pub with: Vec<&'static str>,
-    /// Candidates, best first.
+    /// Candidates with their evidence, best first.
     pub candidates: Vec<Candidate>,
     /// Nameless competitor of the candidates.
     pub nameless: Nameless,

@@ -23,9 +23,9 @@ pub struct Effect {
     pub kind: Kind,
     /// Meaning, in one sentence.
     pub meaning: &'static str,
-    /// Equation as computed.
+    /// Equation in the form in which it is computed.
     pub equation: &'static str,
-    /// Literature source.
+    /// Publication from which the effect is taken.
     pub source: &'static str,
     /// Names of effects with exactly the same traces.
     pub same_as: &'static [&'static str],

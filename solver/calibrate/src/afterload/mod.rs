@@ -46,9 +46,9 @@ pub enum AfterloadError {
     Samples {
         /// Name of the trace.
         trace: &'static str,
-        /// Number of times.
+        /// Number of times of the trace.
         n_times: usize,
-        /// Number of values.
+        /// Number of values of the trace.
         n_values: usize,
     },
     /// A sample is not finite, or its time does not exceed the previous one.
@@ -80,9 +80,9 @@ pub enum AfterloadError {
     /// The flow does not eject.
     #[error("a flow between {lowest_ml_per_s} and {highest_ml_per_s} mL/s without an ejection")]
     NoEjection {
-        /// Smallest flow.
+        /// Smallest flow of the record \[mL/s\].
         lowest_ml_per_s: f64,
-        /// Largest flow.
+        /// Largest flow of the record \[mL/s\].
         highest_ml_per_s: f64,
     },
     /// Cuff pressures are out of order.
@@ -90,19 +90,19 @@ pub enum AfterloadError {
         "cuff pressures of {systolic_mmhg}/{diastolic_mmhg} (mean {mean_mmhg:?}) mmHg that are not in the order diastolic < mean < systolic"
     )]
     Cuff {
-        /// Systolic pressure.
+        /// Systolic pressure of the cuff \[mmHg\].
         systolic_mmhg: f64,
-        /// Diastolic pressure.
+        /// Diastolic pressure of the cuff \[mmHg\].
         diastolic_mmhg: f64,
-        /// Mean pressure, if given.
+        /// Mean pressure of the cuff \[mmHg\], if given.
         mean_mmhg: Option<f64>,
     },
     /// No load has these pressures with this flow.
     #[error("no three-element Windkessel with {systolic_mmhg}/{diastolic_mmhg} mmHg for this flow")]
     NoLoad {
-        /// Systolic pressure.
+        /// Systolic pressure of the cuff \[mmHg\].
         systolic_mmhg: f64,
-        /// Diastolic pressure.
+        /// Diastolic pressure of the cuff \[mmHg\].
         diastolic_mmhg: f64,
     },
     /// The confidence level is not between 0 and 1.
@@ -111,7 +111,7 @@ pub enum AfterloadError {
         /// Confidence level given.
         level: f64,
     },
-    /// The minimisation failed.
+    /// The least-squares solver rejects its start.
     #[error("the afterload cannot be fitted")]
     LeastSquares(#[from] LeastSquaresError),
 }
@@ -149,7 +149,7 @@ pub enum Determined {
 /// One fitted quantity, in its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Estimate {
-    /// Best value.
+    /// Value at which the sum of squares is smallest.
     pub value: f64,
     /// Standard error of the linearised model, for the effective number of samples.
     pub standard_error: Option<f64>,
@@ -168,7 +168,7 @@ pub struct WindkesselFit {
     pub r1: Estimate,
     /// Peripheral resistance, mmHg s/mL.
     pub r2: Estimate,
-    /// Compliance, mL/mmHg.
+    /// Arterial compliance C \[mL/mmHg\].
     pub compliance: Estimate,
     /// Time constant R2 C, s.
     pub time_constant: Estimate,
@@ -182,7 +182,7 @@ pub struct WindkesselFit {
     pub n_samples: usize,
     /// Root of the mean squared residual, mmHg.
     pub root_mean_square_mmhg: f64,
-    /// Of the residuals.
+    /// Effective number of samples and correlations of the residuals.
     pub sample_size: EffectiveSampleSize,
     /// Whether the minimisation met its tolerance.
     pub converged: bool,

@@ -20,7 +20,7 @@ pub(super) mod at {
     pub const CATHETER_PERIOD: usize = 15;
     pub const CATHETER_DAMPING: usize = 16;
     pub const TRAVEL: usize = 17;
-    /// Number of parameters.
+    /// Number of parameters of the load.
     pub const N: usize = 18;
 }
 

@@ -113,7 +113,7 @@ impl Record {
         self.n_dropped
     }
 
-    /// Number of ejections.
+    /// Number of ejections in the record, at least one.
     #[must_use]
     pub fn n_beats(&self) -> usize {
         self.upstrokes_s.len().max(1)

@@ -10,7 +10,7 @@ use super::parameters::{Values, at};
 use super::record::Record;
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-/// Number of states.
+/// Number of states of the load.
 const N: usize = 5;
 /// Number of states plus flow, its slope and a constant.
 const AUGMENTED: usize = N + 3;

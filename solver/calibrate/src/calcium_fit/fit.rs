@@ -40,9 +40,9 @@ pub enum CalciumFitError {
         "a trace with {n_times} times and {n_values} values instead of equal numbers of at least 8"
     )]
     Samples {
-        /// Number of times.
+        /// Number of times of the trace.
         n_times: usize,
-        /// Number of values.
+        /// Number of values of the trace.
         n_values: usize,
     },
     /// A sample is not finite, or its time does not exceed the previous one.
@@ -62,9 +62,9 @@ pub enum CalciumFitError {
         "no rise and fall of the trace after activation at {activation_ms} ms: its largest value is at {peak_ms} ms"
     )]
     NoTransient {
-        /// Time of activation.
+        /// Time of activation that the caller gave \[ms\].
         activation_ms: f64,
-        /// Time of the largest value.
+        /// Time of the largest value \[ms\].
         peak_ms: f64,
     },
     /// The confidence level is not between 0 and 1.

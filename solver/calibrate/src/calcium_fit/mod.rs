@@ -27,22 +27,22 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RiceParameters {
-    /// Resting calcium, µM.
+    /// Calcium at rest, between two transients \[µM\].
     #[serde(rename = "ca_res_uM")]
     pub ca_res_um: f64,
-    /// Peak calcium, µM.
+    /// Calcium at the peak of the transient \[µM\].
     #[serde(rename = "ca_max_uM")]
     pub ca_max_um: f64,
-    /// Longer time constant (or both), ms.
+    /// Longer of the two time constants, or both \[ms\].
     pub tau_cr_ms: f64,
-    /// Shorter time constant (or both), ms.
+    /// Shorter of the two time constants, or both \[ms\].
     pub tau_cd_ms: f64,
 }
 
 /// One fitted quantity, in its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
-    /// Best value.
+    /// Value at which the sum of squares is smallest.
     pub value: f64,
     /// Standard error of the linearised model; `None` where that model fails, as for equal time
     /// constants.
@@ -86,28 +86,28 @@ impl TimeConstants {
     }
 }
 
-/// A fitted transient.
+/// A fitted calcium transient, with intervals of its parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CalciumFit {
     /// Best values of the parameters.
     pub parameters: RiceParameters,
-    /// Resting calcium, µM.
+    /// Calcium at rest, between two transients \[µM\].
     #[serde(rename = "ca_res_uM")]
     pub ca_res_um: Estimate,
-    /// Peak calcium, µM.
+    /// Calcium at the peak of the transient \[µM\].
     #[serde(rename = "ca_max_uM")]
     pub ca_max_um: Estimate,
-    /// Longer time constant, ms.
+    /// Longer of the two time constants \[ms\].
     pub tau_cr_ms: Estimate,
-    /// Shorter time constant, ms.
+    /// Shorter of the two time constants \[ms\].
     pub tau_cd_ms: Estimate,
-    /// Mean of both time constants, ms. It is determined even if the two are not.
+    /// Mean of both time constants \[ms\]. It is determined even if the two are not.
     pub tau_mean_ms: Estimate,
     /// Extent to which the trace determines the two time constants.
     pub time_constants: TimeConstants,
     /// Probability that an interval covers the truth, dimensionless.
     pub confidence_level: f64,
-    /// Number of samples.
+    /// Number of samples of the trace.
     pub n_samples: usize,
     /// Root of the mean squared residual, µM.
     #[serde(rename = "root_mean_square_uM")]

@@ -207,7 +207,7 @@ impl DifferentialEvolution {
         }
     }
 
-    /// Present stage.
+    /// Stage to which the next batch belongs.
     #[must_use]
     pub fn stage(&self) -> Stage {
         self.stage

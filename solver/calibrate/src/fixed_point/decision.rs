@@ -50,7 +50,7 @@ impl Outcome {
 /// Parameters and the outcome of their simulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Iteration {
-    /// Simulated parameters.
+    /// Parameters with which the organ was simulated.
     pub parameters: Step1Parameters,
     /// Outcome of the simulation.
     pub outcome: Outcome,
@@ -62,7 +62,7 @@ const HARDLY: f64 = 1e-4;
 /// All simulations so far.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct History {
-    /// Initial parameters.
+    /// Parameters with which the loop begins.
     pub initial: Step1Parameters,
     /// All iterations, oldest first, including those under earlier settings.
     pub iterations: Vec<Iteration>,
@@ -99,7 +99,7 @@ impl History {
             .any(|i| i.parameters.close_to(parameters, HARDLY))
     }
 
-    /// Appends an iteration.
+    /// Appends the outcome of a simulation.
     pub fn push(&mut self, parameters: Step1Parameters, outcome: Outcome) {
         self.iterations.push(Iteration {
             parameters,
@@ -132,7 +132,7 @@ pub enum Ending {
     Stagnation,
     /// The largest number of iterations was reached.
     Limit,
-    /// A simulation failed.
+    /// The last simulation failed.
     Failure,
     /// The next parameters were simulated before.
     NothingNew,
@@ -169,9 +169,9 @@ pub enum FixedPointError {
     Setting {
         /// Key of the setting.
         key: String,
-        /// Value found.
+        /// Value that was given.
         value: f64,
-        /// Expected range.
+        /// Range of admissible values, in words.
         expected: String,
     },
     /// An interval of a parameter whose ends are not positive, finite and in order.
@@ -181,21 +181,21 @@ pub enum FixedPointError {
     Bounds {
         /// Parameter with these bounds.
         parameter: Step1Parameter,
-        /// Lower end.
+        /// Lower end of the interval, in the parameter's unit.
         lower: f64,
-        /// Upper end.
+        /// Upper end of the interval, in the parameter's unit.
         upper: f64,
     },
     /// A name that is not one of step 1's parameters.
     #[error("step1 names parameter {name}; expected one of {}", Step1Parameter::KEYS.join(", "))]
     UnknownParameter {
-        /// Name found.
+        /// Name that the settings give.
         name: String,
     },
     /// A key that is not one of step 1's biomarkers.
     #[error("step1.weights names biomarker {name}; expected one of {}", Biomarker::ORGAN_KEYS.join(", "))]
     UnknownBiomarker {
-        /// Key found.
+        /// Key that the settings give.
         name: String,
     },
     /// An initial value that the ratios of the update cannot move.
@@ -203,13 +203,13 @@ pub enum FixedPointError {
     Initial {
         /// Parameter with this initial value.
         parameter: Step1Parameter,
-        /// Value found.
+        /// Initial value, in the parameter's unit.
         value: f64,
     },
     /// A measured biomarker of pressure is missing, or a measured biomarker has the wrong sign.
     #[error("measured {biomarker} is {value:?}, but must be {expected}")]
     Measured {
-        /// Biomarker concerned.
+        /// Biomarker that was measured.
         biomarker: Biomarker,
         /// Measured value, if any.
         value: Option<f64>,

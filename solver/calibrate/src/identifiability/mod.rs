@@ -103,9 +103,9 @@ impl Settings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Bound {
-    /// The smallest value.
+    /// End of the smallest value.
     Lower,
-    /// The largest value.
+    /// End of the largest value.
     Upper,
 }
 
@@ -156,7 +156,7 @@ pub enum IdentifiabilityError {
     Setting {
         /// Key of the setting.
         key: &'static str,
-        /// Value found.
+        /// Value that was given.
         value: f64,
     },
     /// A set with another number of parameters than the box.
@@ -164,7 +164,7 @@ pub enum IdentifiabilityError {
     Dimension {
         /// Number of parameters of the set.
         n_parameters: usize,
-        /// Number of intervals.
+        /// Number of intervals of the box.
         n_bounds: usize,
     },
     /// No set was given, or the best cost is not finite.

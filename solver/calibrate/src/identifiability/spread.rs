@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 pub struct ParameterSpread {
     /// Value of the best set, in the parameter's unit.
     pub best: f64,
-    /// Smallest value.
+    /// Smallest value over the sets.
     pub minimum: f64,
-    /// Largest value.
+    /// Largest value over the sets.
     pub maximum: f64,
-    /// Mean value.
+    /// Mean value over the sets.
     pub mean: f64,
     /// Sample standard deviation; `None` for a single set.
     pub standard_deviation: Option<f64>,

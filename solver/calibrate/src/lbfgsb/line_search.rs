@@ -21,7 +21,7 @@ struct Point {
 pub(super) enum Verdict {
     /// The step is good, or no better one can be found.
     Accept,
-    /// Evaluate at [`LineSearch::step`].
+    /// The value and slope at [`LineSearch::step`] are needed next.
     Evaluate,
 }
 
@@ -62,7 +62,7 @@ impl LineSearch {
         }
     }
 
-    /// Step to evaluate.
+    /// Length of the step whose value and slope are needed next.
     pub(super) fn step(&self) -> f64 {
         self.step
     }

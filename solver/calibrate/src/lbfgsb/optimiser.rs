@@ -89,7 +89,7 @@ pub enum LbfgsbError {
     Dimension {
         /// Length of the start.
         n_start: usize,
-        /// Number of intervals.
+        /// Number of intervals of the box.
         n_bounds: usize,
     },
     /// The number of costs differs from the number of points requested.

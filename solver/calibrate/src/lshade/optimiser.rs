@@ -347,7 +347,7 @@ impl LShade {
         Ok(())
     }
 
-    /// Present stage.
+    /// Stage to which the next batch belongs.
     #[must_use]
     pub fn stage(&self) -> Stage {
         self.stage

@@ -32,7 +32,7 @@ pub enum SobolError {
          starting with the first"
     )]
     Incomplete {
-        /// Number of values.
+        /// Number of values that were given.
         n_values: usize,
         /// Number of outputs per row.
         n_outputs: usize,
@@ -48,7 +48,7 @@ pub enum SobolError {
     /// The confidence level is not between 0 and 1.
     #[error("the confidence level is {level}, but must be above 0 and below 1")]
     Confidence {
-        /// Confidence level given.
+        /// Confidence level that was given.
         level: f64,
     },
     /// The number of marked samples differs from the number of rows.

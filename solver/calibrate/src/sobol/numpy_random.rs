@@ -53,7 +53,7 @@ impl NumpyRandom {
         (product >> 32) as u32
     }
 
-    /// A random bit.
+    /// A bit that is 0 or 1 with equal probability.
     pub(super) fn bit(&mut self) -> u32 {
         self.below(2)
     }

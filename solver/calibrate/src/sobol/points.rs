@@ -53,7 +53,7 @@ impl SobolPoints {
         Ok(points)
     }
 
-    /// Number of dimensions.
+    /// Number of coordinates of each point.
     #[must_use]
     pub fn n_dimensions(&self) -> usize {
         self.shift.len()

@@ -9,7 +9,7 @@ const RIDGE: f64 = 0.1 * 0.1;
 /// Largest magnitude of a correction's logarithm.
 const LARGEST: f64 = 2.0;
 
-/// Number of biomarkers.
+/// Number of biomarkers of the organ, each with a factor.
 pub(super) const N: usize = Biomarker::OF_ORGAN.len();
 
 /// ln(expensive/cheap) of each biomarker; `None` if either model lacks it.

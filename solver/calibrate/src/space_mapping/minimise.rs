@@ -9,7 +9,7 @@ use std::cell::Cell;
 /// Method and effort of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Effort {
-    /// Local gradient searches.
+    /// Local gradient searches from the best points of a hypercube.
     Gradients {
         /// Number of points of a Latin hypercube evaluated before the local searches.
         points: usize,

@@ -32,7 +32,7 @@ const NEARNESS: Nearness = Nearness {
 /// A simulation of step 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Step1Run {
-    /// Simulated parameters.
+    /// Parameters with which the organ was simulated.
     pub parameters: Step1Parameters,
     /// Outcome of the simulation.
     pub outcome: Outcome,
@@ -43,7 +43,7 @@ pub struct Step1Run {
 /// Input of a proposal of step 1.
 #[derive(Debug, Clone, Copy)]
 pub struct Step1Problem<'a> {
-    /// Target biomarkers.
+    /// Measured biomarkers, which are the targets.
     pub measured: &'a Biomarkers,
     /// All runs, oldest first.
     pub runs: &'a [Step1Run],

@@ -65,7 +65,7 @@ pub struct Nearness {
 /// Input of a proposal. A point holds the logarithms of the magnitudes of the moving parameters.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
-    /// Target biomarkers.
+    /// Measured biomarkers, which are the targets.
     pub measured: &'a Biomarkers,
     /// Weights of the squared relative differences.
     pub weights: &'a Weights,
@@ -94,7 +94,7 @@ pub struct Problem<'a> {
     pub seed: u64,
 }
 
-/// A proposed point.
+/// Next point to simulate, with the prediction for it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
     /// Point to simulate next.
