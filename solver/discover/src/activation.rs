@@ -15,11 +15,11 @@ pub struct CurveParameters {
     pub smax_kpa: f64,
     /// Time constant of the rise \[ms\].
     pub rise_ms: f64,
-    /// Exponent of the rise.
+    /// Exponent n of the rise, which sets the sharpness of the upstroke.
     pub rise_exponent: f64,
     /// Time constant of the fall \[ms\].
     pub fall_ms: f64,
-    /// Duration \[ms\].
+    /// Duration t_CR of the contraction at one place of the wall \[ms\].
     pub duration_ms: f64,
     /// Stretch below which no stress develops.
     pub least_stretch: f64,

@@ -67,7 +67,7 @@ pub enum DiscoverError {
     /// A requested candidate is not in the catalogue.
     #[error("unknown effect {found}, expected one of {known}")]
     UnknownEffect {
-        /// Name requested.
+        /// Name that was requested.
         found: String,
         /// Names of the catalogue.
         known: String,

@@ -1,4 +1,5 @@
-//! DiscrepancyTerm competitors: what may stand for a gap that no candidate names, alone and beside the named ones.
+//! Competitors without a name: terms that may stand for a gap that no candidate names, alone and
+//! beside the named ones.
 //!
 //! A result is only valid if it does not depend on the treatment of the remaining gap. Every
 //! structure is therefore fitted without a competitor and with each of them: free bumps of the
@@ -14,10 +15,10 @@ use crate::problem::{Data, N_BUMPS, Problem, Structure};
 use crate::search::{UNBENT, add_term, best, is_bent};
 use rayon::prelude::*;
 
-/// A nameless competitor.
+/// A nameless competitor of the candidates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DiscrepancyTerm {
-    /// No competitor.
+    /// No competitor: the structure is fitted alone.
     Nothing,
     /// Free bumps of the activation.
     Activation,

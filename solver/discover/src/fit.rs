@@ -17,10 +17,10 @@ const UNIT: Weights = Weights {
     volume: 1.0,
 };
 
-/// A fitted structure.
+/// A structure at its most probable parameters, with its evidence.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// Fitted structure.
+    /// Structure that was fitted.
     pub structure: Structure,
     /// Parameters of the structure.
     pub parameters: Vec<Parameter>,

@@ -9,13 +9,13 @@ use cardiotwin_vocabulary::findings::InThreeDimensions;
 pub struct Prediction {
     /// Interval of the grid \[ms\]; the first sample is at time zero.
     pub step_ms: f64,
-    /// Measured pressure \[mmHg\].
+    /// Pressure as the catheter would measure it \[mmHg\].
     pub pressure_mmhg: Vec<f64>,
-    /// Measured volume \[mL\].
+    /// Volume as segmentation would measure it \[mL\].
     pub volume_ml: Vec<f64>,
-    /// Cavity volume \[mL\].
+    /// Volume of the simulated cavity, without artefacts of measurement \[mL\].
     pub true_volume_ml: Vec<f64>,
-    /// Cavity pressure \[mmHg\].
+    /// Pressure of the simulated cavity, without artefacts of measurement \[mmHg\].
     pub true_pressure_mmhg: Vec<f64>,
     /// Flow through the aortic valve \[mL/s\].
     pub aortic_flow_ml_per_s: Vec<f64>,

@@ -30,9 +30,9 @@ pub const STATED_NOISE_SD: f64 = 0.1;
 /// Blood pressures by an arm cuff, which is independent of the catheter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Cuff {
-    /// Systolic pressure \[mmHg\].
+    /// Systolic pressure of the arm \[mmHg\].
     pub systolic: Uncertain,
-    /// Diastolic pressure \[mmHg\].
+    /// Diastolic pressure of the arm \[mmHg\].
     pub diastolic: Uncertain,
 }
 
@@ -41,7 +41,7 @@ pub struct Cuff {
 pub struct WholeHeart {
     /// Time in the cycle \[ms\].
     pub time_ms: f64,
-    /// Volume \[mL\].
+    /// Cavity volume at this time \[mL\].
     pub volume: Uncertain,
 }
 
@@ -57,7 +57,7 @@ pub struct SideData {
 }
 
 impl SideData {
-    /// Number of scalars.
+    /// Number of scalars that were measured, two of them by a cuff.
     #[must_use]
     pub fn len(&self) -> usize {
         2 * usize::from(self.cuff.is_some())
@@ -75,41 +75,41 @@ impl SideData {
 /// Loads stated in the patient file. They are fitted nevertheless, but within their uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct GivenLoads {
-    /// Filling pressure \[mmHg\].
+    /// Filling pressure, as the pressure of the left atrium \[mmHg\].
     pub left_atrial_pressure: Option<Uncertain>,
-    /// R1 \[mmHg s/mL\].
+    /// Characteristic resistance R1 of the aorta \[mmHg·s/mL\].
     pub characteristic_resistance: Option<Uncertain>,
-    /// R2 \[mmHg s/mL\].
+    /// Peripheral resistance R2 \[mmHg·s/mL\].
     pub peripheral_resistance: Option<Uncertain>,
-    /// C \[mL/mmHg\].
+    /// Arterial compliance C \[mL/mmHg\].
     pub compliance: Option<Uncertain>,
 }
 
 /// One patient's data: a steady beat of pressure and volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
-    /// Cycle length \[ms\].
+    /// Length of the cardiac cycle \[ms\].
     pub cycle_ms: f64,
     /// Times of the pressure samples \[ms\], increasing, within one cycle.
     pub pressure_time_ms: Vec<f64>,
-    /// Pressure \[mmHg\].
+    /// Cavity pressure of each sample \[mmHg\].
     pub pressure_mmhg: Vec<f64>,
     /// Times of the volume frames \[ms\], increasing, within one cycle.
     pub frame_time_ms: Vec<f64>,
     /// Volume of each frame \[mL\], as segmented. It must not come from an interpolated trace.
     pub frame_volume_ml: Vec<f64>,
-    /// Stated noise levels.
+    /// Noise levels that the patient file states.
     pub noise: StatedNoise,
     /// Scalars measured besides the traces.
     pub side: SideData,
-    /// Wall volume \[mL\].
+    /// Volume of the ventricle's wall \[mL\].
     pub wall_volume: Uncertain,
-    /// Loads known beforehand.
+    /// Loads that the patient file states.
     #[serde(default)]
     pub given: GivenLoads,
 }
 
-/// Invalid measured data.
+/// Reasons why measured data cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MeasuredError {
     /// Times and values of a trace differ in number.
@@ -117,9 +117,9 @@ pub enum MeasuredError {
     Length {
         /// Name of the trace.
         trace: &'static str,
-        /// Number of times.
+        /// Number of times of the trace.
         n_times: usize,
-        /// Number of values.
+        /// Number of values of the trace.
         n_values: usize,
     },
     /// A trace has too few samples.
@@ -127,9 +127,9 @@ pub enum MeasuredError {
     TooFew {
         /// Name of the trace.
         trace: &'static str,
-        /// Number of samples.
+        /// Number of samples of the trace.
         found: usize,
-        /// Smallest number required.
+        /// Smallest number of samples that the search needs.
         expected: usize,
     },
     /// The times of a trace do not increase within the cycle.
@@ -141,9 +141,9 @@ pub enum MeasuredError {
         trace: &'static str,
         /// Number of the sample, from one.
         sample: usize,
-        /// Time of the sample.
+        /// Time of the sample \[ms\].
         time_ms: f64,
-        /// Cycle length.
+        /// Length of the cardiac cycle \[ms\].
         cycle_ms: f64,
     },
     /// A number is outside its valid range.
@@ -151,9 +151,9 @@ pub enum MeasuredError {
     Value {
         /// Description of the number.
         name: &'static str,
-        /// Value found.
+        /// Value that was given.
         value: f64,
-        /// Expected range.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
 }

@@ -181,7 +181,7 @@ impl ModelDiscrepancy {
 pub struct Signal {
     /// Time of each datum \[ms\], which is the middle of a bin or a frame.
     pub time_ms: Vec<f64>,
-    /// Measured values.
+    /// Value of each datum, in the signal's unit.
     pub value: Vec<f64>,
     /// Standard deviation of one datum due to noise alone.
     pub noise_sd: f64,
@@ -207,7 +207,7 @@ pub struct Signal {
 pub struct Whitener<'a> {
     signal: &'a Signal,
     u: Vec<f64>,
-    /// |u|².
+    /// Squared norm of `u`.
     square: f64,
 }
 
@@ -256,7 +256,7 @@ impl Signal {
         }
     }
 
-    /// Number of data.
+    /// Number of data in the signal.
     #[must_use]
     pub fn len(&self) -> usize {
         self.value.len()
@@ -276,7 +276,7 @@ impl Signal {
         self.value.iter().zip(model).map(|(v, m)| v - m).collect()
     }
 
-    /// L⁻¹ x.
+    /// Product of L⁻¹ with `x`.
     fn solve_factor(&self, x: &[f64]) -> Vec<f64> {
         let mut row = 0;
         (0..x.len())

@@ -6,9 +6,9 @@
 pub struct Parameter {
     /// Name with unit, such as `pressure_mmhg`.
     pub name: String,
-    /// Smallest value.
+    /// Smallest value in the search, in the parameter's unit.
     pub lower: f64,
-    /// Largest value.
+    /// Largest value in the search, in the parameter's unit.
     pub upper: f64,
     /// Mean of the prior.
     pub mean: f64,

@@ -16,13 +16,13 @@ const BUMP_SD: f64 = 0.15;
 /// Data prepared for fits.
 #[derive(Debug, Clone)]
 pub struct Data {
-    /// Data as measured.
+    /// Traces and scalars as they were measured.
     pub measured: Measured,
     /// Noise levels of the fits.
     pub levels: NoiseLevels,
     /// Discrepancy that the model may show although no effect is missing.
     pub model_discrepancy: ModelDiscrepancy,
-    /// Pressure in bins.
+    /// Pressure samples, averaged in bins.
     pub pressure: Signal,
     /// Volume of the frames.
     pub volume: Signal,
@@ -94,7 +94,7 @@ pub struct Weights {
 pub struct Problem<'a> {
     /// Model with its catalogue.
     pub forward: &'a dyn Forward,
-    /// Data to fit.
+    /// Measured data with their noise levels.
     pub data: &'a Data,
 }
 

@@ -13,14 +13,14 @@ use cardiotwin_vocabulary::findings::{
 /// Interval of the curves \[ms\], about one pressure bin.
 const CURVE_MS: f64 = 4.0;
 
-/// Everything that can be drawn and tabulated of a search.
+/// Traces and residuals of a search for drawings and tables.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tabulated {
     /// Phases of the beat.
     pub phases: Phases,
     /// Residuals by signal and phase.
     pub gaps: Vec<GapAt>,
-    /// Traces.
+    /// Measured traces beside those of the model, before and after the search.
     pub series: DiscoverSeries,
 }
 

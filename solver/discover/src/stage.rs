@@ -34,9 +34,9 @@ pub struct Search<'a> {
     pub among: Vec<usize>,
 }
 
-/// One stage.
+/// Fits of a structure and of each candidate added to it.
 pub struct SearchStage {
-    /// Structure of the level, with its competitors.
+    /// Structure of the stage, with its competitors.
     pub own: FitsByDiscrepancy,
     /// The structure with each candidate added, by candidate index; `None` if it was not fitted.
     pub with: Vec<Option<FitsByDiscrepancy>>,
@@ -47,7 +47,7 @@ pub struct SearchStage {
 }
 
 impl SearchStage {
-    /// Number of evaluations of the level's fits.
+    /// Number of evaluations of the stage's fits.
     #[must_use]
     pub fn n_evaluations(&self) -> usize {
         let of = |wide: &FitsByDiscrepancy| {
@@ -59,7 +59,7 @@ impl SearchStage {
         of(&self.own) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
-    /// Competitors of the level that are candidates which may not be named.
+    /// Competitors of the stage that are candidates which may not be named.
     pub fn unnamed(&self) -> impl Iterator<Item = DiscrepancyTerm> {
         self.own
             .fits

@@ -19,9 +19,9 @@ const HELD_OUT_RISE: f64 = 1.02;
 
 /// Result of the search over structures.
 pub(crate) struct Found {
-    /// One level per number of effects, the base first.
+    /// One stage per number of effects, the base first.
     pub stages: Vec<SearchStage>,
-    /// The final structure.
+    /// Structure with which the search ended.
     pub current: FitsByDiscrepancy,
     /// Loss without each accepted effect, the largest first.
     pub losses: Vec<Loss>,

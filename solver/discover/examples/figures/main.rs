@@ -46,7 +46,7 @@ impl Case {
 
 /// A set of cases, with its name in the figures.
 pub struct Set {
-    /// Name.
+    /// Name of the set in legends and titles.
     pub name: String,
     /// Cases that were searched.
     pub cases: Vec<Case>,

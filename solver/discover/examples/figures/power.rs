@@ -20,7 +20,6 @@ const BANDS: [(&str, f64); 4] = [
     ("strong", 150.0),
 ];
 
-/// Successes and trials.
 #[derive(Clone, Copy, Default)]
 struct Rate {
     hits: usize,

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-/// A picture.
+/// An SVG picture to which shapes are added.
 pub struct Svg {
     width: f64,
     height: f64,
@@ -38,7 +38,7 @@ impl Svg {
         );
     }
 
-    /// Adds a line.
+    /// Adds a straight line \[px\].
     pub fn line(&mut self, from: (f64, f64), to: (f64, f64), colour: &str, width: f64) {
         let _ = writeln!(
             self.body,
@@ -47,7 +47,7 @@ impl Svg {
         );
     }
 
-    /// Adds a disc.
+    /// Adds a filled disc \[px\].
     pub fn disc(&mut self, (x, y): (f64, f64), r: f64, fill: &str) {
         let _ = writeln!(
             self.body,

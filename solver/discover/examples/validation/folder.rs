@@ -11,7 +11,7 @@ fn put(path: &Path, text: &str) -> Result<(), String> {
     std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))
 }
 
-/// Writes one patient.
+/// Writes the folder of one patient with its traces.
 pub fn write(folder: &Path, id: &str, case: &Case) -> Result<(), String> {
     let own = folder.join("patients").join(id);
     std::fs::create_dir_all(&own).map_err(|e| format!("cannot make {}: {e}", own.display()))?;
