@@ -18,7 +18,7 @@ const MOST_ITERATIONS: usize = 500;
 pub struct Stalled {
     /// Estimate of the remaining error \[mV\].
     pub error: f64,
-    /// Number of iterations.
+    /// Number of iterations that were made.
     pub iterations: usize,
 }
 

@@ -18,7 +18,7 @@ use cardiotwin_mesh::TetMesh;
 /// Settings of the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
-    /// Time step \[ms\].
+    /// Time step of membrane and diffusion \[ms\].
     pub step_ms: f64,
     /// Whether the potential diffuses: R-E+ with diffusion, R-E− without.
     pub diffusion: bool,
@@ -52,13 +52,13 @@ pub enum ElectrophysiologyError {
     NotPositive {
         /// Name of the value.
         what: &'static str,
-        /// The value.
+        /// Value that was given.
         found: f64,
     },
     /// No element has a conducting tag.
     #[error("electrophysiology: no element has one of the conducting tags {tags:?}")]
     NoTissue {
-        /// The conducting tags.
+        /// Tags that conduct.
         tags: Vec<i32>,
     },
     /// An element is not usable.
@@ -66,7 +66,7 @@ pub enum ElectrophysiologyError {
     Element {
         /// Index of the element.
         element: usize,
-        /// Problem and remedy.
+        /// Problem of the element and its remedy.
         problem: &'static str,
     },
     /// The number of activation times differs from that of the mesh's nodes.
@@ -77,7 +77,7 @@ pub enum ElectrophysiologyError {
     HowManyTimes {
         /// Number of activation times.
         found: usize,
-        /// Number of nodes.
+        /// Number of nodes in the mesh.
         expected: usize,
     },
     /// An activation time is out of range.
@@ -85,7 +85,7 @@ pub enum ElectrophysiologyError {
     ActivationTime {
         /// Node of the mesh.
         node: usize,
-        /// Its activation time \[ms\].
+        /// Activation time of the node \[ms\].
         found: f64,
         /// Description of valid times.
         expected: String,
@@ -97,9 +97,9 @@ pub enum ElectrophysiologyError {
     Diverged {
         /// Node of the mesh.
         node: usize,
-        /// Its potential \[mV\].
+        /// Potential of the node \[mV\].
         found: f64,
-        /// Time \[ms\].
+        /// Time of the failing step \[ms\].
         t_ms: f64,
     },
     /// The linear solver did not converge.
@@ -108,7 +108,7 @@ pub enum ElectrophysiologyError {
          elements"
     )]
     Stalled {
-        /// Time \[ms\].
+        /// Time of the failing step \[ms\].
         t_ms: f64,
         /// Residual that was reached \[mV\].
         error_mv: f64,
@@ -239,7 +239,7 @@ impl ReactionEikonal {
         })
     }
 
-    /// Current time \[ms\].
+    /// Time that the model has reached \[ms\].
     #[must_use]
     pub fn t_ms(&self) -> f64 {
         self.now.n_steps as f64 * self.membrane.step_ms()

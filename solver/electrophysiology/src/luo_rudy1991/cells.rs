@@ -31,13 +31,13 @@ impl Membrane {
         }
     }
 
-    /// Time step \[ms\].
+    /// Length of the time step for which the table was made \[ms\].
     #[must_use]
     pub fn step_ms(&self) -> f64 {
         self.step_ms
     }
 
-    /// Membrane capacitance \[µF/cm²\].
+    /// Capacitance of the membrane per area \[µF/cm²\].
     #[must_use]
     pub fn capacitance_uf_cm2(&self) -> f64 {
         self.parameters.capacitance_uf_cm2
@@ -67,7 +67,7 @@ impl Membrane {
         *v += self.step_ms * slope;
     }
 
-    /// dV/dt \[mV/ms\] and the slow inward current \[µA/cm²\].
+    /// Rate of the potential \[mV/ms\] and the slow inward current \[µA/cm²\].
     #[inline]
     fn slope(&self, v: f64, gates: &[f64; 6], ca_mm: f64, row: &Row) -> (f64, f64) {
         let p = &self.parameters;
@@ -87,11 +87,11 @@ const FAST_MV_MS: f64 = 2.0;
 /// States of many cells, with one array per variable.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cells {
-    /// Transmembrane potentials \[mV\].
+    /// Transmembrane potential of each cell \[mV\].
     pub v_mv: Vec<f64>,
     /// Gates m, h, j, d, f, X.
     pub gates: [Vec<f64>; 6],
-    /// Intracellular calcium \[mM\].
+    /// Intracellular calcium of each cell \[mM\].
     pub ca_mm: Vec<f64>,
 }
 
@@ -120,7 +120,7 @@ impl Cells {
         }
     }
 
-    /// Number of cells.
+    /// Number of cells, each with its own state.
     #[must_use]
     pub fn len(&self) -> usize {
         self.v_mv.len()

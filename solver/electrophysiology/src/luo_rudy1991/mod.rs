@@ -14,7 +14,7 @@ pub use paced::Stimulus;
 /// Constants of the model, with the paper's values as defaults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
-    /// Membrane capacitance \[µF/cm²\].
+    /// Capacitance of the membrane per area \[µF/cm²\].
     pub capacitance_uf_cm2: f64,
     /// Fast sodium conductance \[mS/cm²\].
     pub g_na: f64,
@@ -26,21 +26,21 @@ pub struct Parameters {
     pub g_k1: f64,
     /// Plateau potassium conductance \[mS/cm²\].
     pub g_kp: f64,
-    /// Background conductance \[mS/cm²\].
+    /// Conductance of the background current \[mS/cm²\].
     pub g_b: f64,
     /// Reversal potential of the background current \[mV\].
     pub e_b_mv: f64,
     /// Ratio of the time-dependent potassium channel's permeability to sodium to that to potassium.
     pub pr_na_k: f64,
-    /// Extracellular potassium \[mM\].
+    /// Concentration of potassium outside of the cell \[mM\].
     pub k_o_mm: f64,
-    /// Intracellular potassium \[mM\].
+    /// Concentration of potassium inside the cell \[mM\].
     pub k_i_mm: f64,
-    /// Extracellular sodium \[mM\].
+    /// Concentration of sodium outside of the cell \[mM\].
     pub na_o_mm: f64,
-    /// Intracellular sodium \[mM\].
+    /// Concentration of sodium inside the cell \[mM\].
     pub na_i_mm: f64,
-    /// Temperature \[K\].
+    /// Temperature, which enters the reversal potentials \[K\].
     pub temperature_k: f64,
 }
 
@@ -153,7 +153,7 @@ fn calcium_slope(ca_mm: f64, i_si: f64) -> f64 {
 /// State of one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
-    /// Transmembrane potential \[mV\].
+    /// Potential inside minus potential outside \[mV\].
     pub v_mv: f64,
     /// Activation of the sodium channel.
     pub m: f64,
