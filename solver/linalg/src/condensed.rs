@@ -12,9 +12,9 @@ use crate::{BlockCsr, Coupling, Operator};
 /// their bulk stiffness.
 #[derive(Debug, Clone)]
 pub struct CondensedMatrix {
-    /// `K`.
+    /// Stiffness `K`, a block for each pair of nodes.
     pub stiffness: BlockCsr,
-    /// `G`; `None` if no scalar unknowns were eliminated.
+    /// Coupling `G`; `None` if no scalar unknowns were eliminated.
     pub coupling: Option<Coupling>,
     /// Diagonal of `D`, with one value for each scalar unknown.
     pub bulk: Vec<f64>,

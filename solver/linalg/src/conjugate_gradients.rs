@@ -4,13 +4,13 @@
 /// Operations that the conjugate gradients need of a system `A x = b` with a symmetric positive
 /// definite `A`.
 pub trait SymmetricSystem {
-    /// `z ≈ A⁻¹ r`.
+    /// Preconditions a residual, `z ≈ A⁻¹ r`.
     fn precondition(&self, r: &[f64], z: &mut [f64]);
 
-    /// `q = A p`. Updates the ghosts of `p` first.
+    /// Multiplies a direction, `q = A p`. Updates the ghosts of `p` first.
     fn multiply(&self, p: &mut [f64], q: &mut [f64]);
 
-    /// `p · q`.
+    /// Scalar product `p · q` over all ranks.
     fn dot(&self, p: &[f64], q: &[f64]) -> f64;
 
     /// `r · z`, and the size by which the residual is judged.
@@ -26,7 +26,7 @@ pub trait SymmetricSystem {
 /// Two scalar products of a residual.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measure {
-    /// `r · z`.
+    /// Scalar product `r · z`.
     pub rz: f64,
     /// Square of the residual's size.
     pub squared_size: f64,
@@ -59,7 +59,7 @@ impl Directions {
 /// Result of the conjugate gradients.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ended {
-    /// Number of iterations.
+    /// Number of iterations that were made.
     pub iterations: usize,
     /// Square of the residual's size.
     pub squared_size: f64,

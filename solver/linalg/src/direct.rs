@@ -23,17 +23,17 @@ pub enum DirectError {
     /// The symbolic factorisation failed.
     #[error("cannot analyse a matrix of {n} rows: {reason}")]
     Symbolic {
-        /// Number of rows.
+        /// Number of rows of the matrix.
         n: usize,
-        /// The library's error.
+        /// Message of the factorisation library.
         reason: String,
     },
     /// The numeric factorisation failed, because a pivot vanished.
     #[error("cannot factorise a matrix of {n} rows: {reason}; the body may be free to move")]
     Numeric {
-        /// Number of rows.
+        /// Number of rows of the matrix.
         n: usize,
-        /// The library's error.
+        /// Message of the factorisation library.
         reason: String,
     },
 }

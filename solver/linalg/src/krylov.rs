@@ -28,7 +28,7 @@ impl Default for KrylovSettings {
 /// Result of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KrylovReport {
-    /// Number of iterations.
+    /// Number of iterations that were made.
     pub iterations: usize,
     /// Norm of the residual, relative to that of the right-hand side.
     pub relative_residual: f64,

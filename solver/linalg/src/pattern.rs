@@ -57,7 +57,7 @@ impl Pattern {
         Self { row_start, column }
     }
 
-    /// Number of rows.
+    /// Number of rows, one for each row node.
     #[inline]
     #[must_use]
     pub fn n_rows(&self) -> usize {

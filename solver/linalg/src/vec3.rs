@@ -3,21 +3,21 @@
 /// A point in mm, or a direction.
 pub type Vec3 = [f64; 3];
 
-/// a + b
+/// Sum of two vectors, a + b.
 #[inline]
 #[must_use]
 pub fn add(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// a − b
+/// Difference of two vectors, a − b.
 #[inline]
 #[must_use]
 pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// s a
+/// Product of a vector with a number, s a.
 #[inline]
 #[must_use]
 pub fn scale(a: Vec3, s: f64) -> Vec3 {
@@ -31,14 +31,14 @@ pub fn axpy(a: Vec3, s: f64, b: Vec3) -> Vec3 {
     [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 }
 
-/// a · b
+/// Scalar product a · b.
 #[inline]
 #[must_use]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// a × b
+/// Vector product a × b.
 #[inline]
 #[must_use]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
@@ -49,14 +49,14 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     ]
 }
 
-/// |a|
+/// Euclidean length |a|.
 #[inline]
 #[must_use]
 pub fn norm(a: Vec3) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// |a − b|
+/// Distance of two points, |a − b|.
 #[inline]
 #[must_use]
 pub fn distance(a: Vec3, b: Vec3) -> f64 {

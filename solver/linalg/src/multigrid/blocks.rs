@@ -39,7 +39,7 @@ impl<const W: usize, const C: usize> Blocks<W, C> {
         }
     }
 
-    /// Releases unused capacity.
+    /// Releases unused capacity of the matrix's arrays.
     pub(super) fn shrink(&mut self) {
         self.pattern.column.shrink_to_fit();
         self.blocks.shrink_to_fit();
@@ -212,7 +212,7 @@ pub(super) fn add_transposed_times<
     }
 }
 
-/// `a v`.
+/// Product of a block with a vector, `a v`.
 #[inline(always)]
 pub(super) fn apply<const W: usize, const B: usize>(a: &Block<W, B>, v: &[f32; W]) -> [f32; W] {
     let mut out = [0.0; W];

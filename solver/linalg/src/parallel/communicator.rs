@@ -11,7 +11,7 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
     /// Number of this rank.
     fn rank(&self) -> usize;
 
-    /// Number of ranks.
+    /// Number of ranks in the group.
     fn n_ranks(&self) -> usize;
 
     /// Replaces each value by its sum over ranks, computed in the order of ranks.

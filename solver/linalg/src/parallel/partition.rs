@@ -33,14 +33,14 @@ pub enum PartitionError {
         /// A rank without nodes.
         empty: usize,
     },
-    /// METIS failed.
+    /// METIS returned an error instead of a partition.
     #[error("METIS cannot divide {n_nodes} nodes into {n_ranks} parts: {reason}")]
     Metis {
         /// Number of nodes in the mesh.
         n_nodes: usize,
         /// Requested number of ranks.
         n_ranks: usize,
-        /// Error of METIS.
+        /// Error that METIS reported.
         reason: String,
     },
 }

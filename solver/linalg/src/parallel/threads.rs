@@ -50,7 +50,7 @@ pub struct RankFailure {
     pub rank: usize,
     /// Number of ranks in the group.
     pub n_ranks: usize,
-    /// Reason in words.
+    /// Message of the rank that failed.
     pub reason: String,
 }
 
