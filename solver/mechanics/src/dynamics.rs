@@ -20,17 +20,17 @@ use crate::linear::Assembled;
 use crate::newton::Smallest;
 use crate::time_integration::{GeneralisedAlpha, Motion};
 
-/// Rayleigh's damping.
+/// Rayleigh's damping, proportional to mass and to stiffness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rayleigh {
-    /// Proportional to mass, α_M \[1/ms\].
+    /// Coefficient α_M of the mass \[1/ms\].
     pub mass_per_ms: f64,
-    /// Proportional to stiffness, τ \[ms\].
+    /// Coefficient τ of the stiffness \[ms\].
     pub stiffness_ms: f64,
 }
 
 impl Rayleigh {
-    /// None.
+    /// No damping.
     pub const NONE: Self = Self {
         mass_per_ms: 0.0,
         stiffness_ms: 0.0,
@@ -40,20 +40,20 @@ impl Rayleigh {
 /// Springs and dashpots on a surface.
 #[derive(Debug, Clone)]
 pub struct Support {
-    /// Where and in which direction.
+    /// Matrix of the surface and the direction.
     pub robin: Robin,
-    /// Stiffness \[kPa/mm\].
+    /// Stiffness of the springs per area \[kPa/mm\].
     pub spring: f64,
-    /// Damping \[kPa·ms/mm\].
+    /// Damping of the dashpots per area \[kPa·ms/mm\].
     pub dashpot: f64,
     /// Displacement at which the springs are at rest \[mm\], three a node; empty for zero.
     pub rest: Vec<f64>,
 }
 
-/// A surface under a pressure that somebody else prescribes.
+/// A surface under a prescribed pressure.
 #[derive(Debug, Clone)]
 pub struct SurfaceLoad {
-    /// The surface.
+    /// Surface on which the pressure acts.
     pub surface: PressureSurface,
     /// Pressure at the end of the step in hand \[kPa\]; set before each step.
     pub pressure_kpa: f64,
@@ -68,20 +68,20 @@ pub struct GivenCavity {
     pub pressure_kpa: f64,
 }
 
-/// What moves: everything that stays the same from step to step.
+/// The moving body with its supports and loads, which stay the same from step to step.
 #[derive(Debug)]
 pub struct Dynamics {
-    /// The body.
+    /// Body that moves.
     pub body: Body,
-    /// Global operations.
+    /// Communicator of the ranks, for sums over all of them.
     pub comm: Box<dyn Communicator>,
-    /// Time integration.
+    /// Scheme of the time integration.
     pub scheme: GeneralisedAlpha,
-    /// Damping.
+    /// Damping of the tissue.
     pub damping: Rayleigh,
-    /// Springs and dashpots.
+    /// Springs and dashpots on surfaces.
     pub supports: Vec<Support>,
-    /// The cavity, where there is one.
+    /// Cavity whose pressure is unknown, where there is one.
     pub cavity: Option<Cavity>,
     /// Surfaces under prescribed pressures, beside the cavity's. The tangent takes the symmetric part of their load's.
     pub loads: Vec<SurfaceLoad>,
@@ -94,31 +94,32 @@ pub struct Dynamics {
     mass: Vec<f64>,
 }
 
-/// A state of motion with its forces: what the next step starts from.
+/// A state of motion with its forces, from which the next step starts.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct State {
-    /// Displacement, velocity, acceleration.
+    /// Displacement, velocity and acceleration of all nodes.
     pub motion: Motion,
     /// `G` at this state \[mN\].
     pub force: Vec<f64>,
-    /// Cavity pressure \[kPa\].
+    /// Pressure in the cavity \[kPa\].
     pub pressure_kpa: f64,
 }
 
 /// A candidate for the end of a step.
 #[derive(Debug, Clone, Default)]
 pub struct Candidate {
-    /// Its motion.
+    /// Displacement, velocity and acceleration at the end of the step.
     pub motion: Motion,
-    /// Where internal forces are taken, `u + τ v`.
+    /// Displacement at which internal forces are taken, `u + τ v` \[mm\].
     pub shifted: Vec<f64>,
-    /// Deformation there; the fibre stretch alone is that of `u`.
+    /// Deformation at that displacement; the fibre stretch alone is that of `u`.
     pub deformation: Deformation,
-    /// Active stress for the stretch of `u`, and its slope in that, one a point batch; empty for none.
+    /// Active stress for the stretch of `u`, and its slope in that stretch, one a point batch;
+    /// empty for none.
     pub active: Vec<ActivePoint>,
     /// Load of the cavity's unit pressure at the displacement \[mN/kPa\]; empty without a cavity.
     pub load: Vec<f64>,
-    /// Cavity pressure \[kPa\].
+    /// Pressure in the cavity at the end of the step \[kPa\].
     pub pressure_kpa: f64,
 }
 

@@ -25,22 +25,24 @@ pub enum LinearSolver {
 /// Settings of Newton's method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NewtonSettings {
-    /// Residual over the larger of the first residual and the external force at which it has converged.
+    /// Tolerance of the residual, relative to the larger of the first residual and the external
+    /// force.
     pub relative_tolerance: f64,
-    /// Most iterations.
+    /// Largest number of iterations.
     pub max_iterations: usize,
-    /// Most halvings of a step.
+    /// Largest number of halvings of a step.
     pub max_halvings: usize,
-    /// A step is halved when the residual grows by more than this factor. It may rise: with stiff volume change the first
-    /// iteration's residual is thirty times that of the start, and Newton converges all the same.
+    /// Growth of the residual beyond which a step is halved. Growth is normal: with stiff volume
+    /// change the first iteration's residual is thirty times that of the start, and Newton
+    /// converges all the same.
     pub largest_growth: f64,
-    /// A step is halved when an element's volume would shrink below this share.
+    /// Share of its volume below which no element may shrink in a step; such a step is halved.
     pub smallest_volume_ratio: f64,
     /// Whether the tangent is taken at the nodal pressures that the last iteration foresaw ([`crate::step::StepSettings`]).
     pub foresee_pressures: bool,
-    /// Linear solver.
+    /// Solver of the linear systems.
     pub linear: LinearSolver,
-    /// Its tolerance and limits.
+    /// Tolerance and limits of the Krylov method.
     pub krylov: KrylovSettings,
 }
 
@@ -74,27 +76,27 @@ pub struct NewtonReport {
 }
 
 impl NewtonReport {
-    /// Linear systems solved.
+    /// Number of linear systems that were solved.
     #[must_use]
     pub fn iterations(&self) -> usize {
         self.residuals.len().saturating_sub(1)
     }
 }
 
-/// Why Newton's method stopped without a solution.
+/// Reasons why Newton's method stopped without a solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NewtonError {
-    /// Out of iterations.
+    /// The limit of iterations was reached.
     #[error(
         "Newton's method did not converge in {iterations} iterations: residual {residual:.3e} mN, expected at most \
          {wanted:.3e} mN"
     )]
     NotConverged {
-        /// Iterations made.
+        /// Number of iterations.
         iterations: usize,
-        /// Last residual.
+        /// Residual of the last iteration \[mN\].
         residual: f64,
-        /// Tolerance.
+        /// Residual that the tolerance allows \[mN\].
         wanted: f64,
     },
     /// Even a short step inverts an element or blows up.
@@ -103,11 +105,11 @@ pub enum NewtonError {
          residual would be {residual:.3e} mN"
     )]
     NoStep {
-        /// Halvings tried.
+        /// Number of halvings of the step.
         halvings: usize,
         /// Element of the smallest volume ratio.
         element: usize,
-        /// That ratio.
+        /// Volume ratio of that element.
         volume_ratio: f64,
         /// Residual of the shortest step \[mN\].
         residual: f64,
@@ -117,12 +119,12 @@ pub enum NewtonError {
         "linear solver stopped after {iterations} iterations at a relative residual of {relative_residual:.1e}"
     )]
     Linear {
-        /// Krylov iterations.
+        /// Number of Krylov iterations.
         iterations: usize,
-        /// Residual that it reached.
+        /// Relative residual of the last one.
         relative_residual: f64,
     },
-    /// The factorisation failed.
+    /// The factorisation of the tangent failed.
     #[error("the direct linear solver failed")]
     Direct(#[from] DirectError),
 }
@@ -130,9 +132,9 @@ pub enum NewtonError {
 /// Smallest volume ratio of an evaluation, with its element.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Smallest {
-    /// Volume ratio.
+    /// Smallest volume ratio `J` over the elements.
     pub volume_ratio: f64,
-    /// Element.
+    /// Index of the element that has it.
     pub element: usize,
 }
 
@@ -163,7 +165,7 @@ pub trait System {
 /// Matrices that outlive a solve.
 #[derive(Debug)]
 pub struct Workspace {
-    /// The tangent.
+    /// Tangent of the last iteration.
     pub tangent: CondensedMatrix,
     direct: Option<Direct>,
 }

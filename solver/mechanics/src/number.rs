@@ -5,7 +5,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::Simd;
 
-/// What a material or element kernel needs of a number.
+/// Operations of a number that a material or element kernel needs.
 pub trait Real:
     Copy
     + Add<Output = Self>
@@ -18,11 +18,11 @@ pub trait Real:
     fn like(self, x: f64) -> Self;
     /// `self · a + b`, fused where the instruction set has it.
     fn mul_add(self, a: Self, b: Self) -> Self;
-    /// Square root.
+    /// Square root of each entry.
     fn sqrt(self) -> Self;
     /// Exponential; arguments above [`LARGEST_EXPONENT`] give its value there, so that no infinity arises.
     fn exp(self) -> Self;
-    /// Natural logarithm.
+    /// Natural logarithm of each entry.
     fn ln(self) -> Self;
     /// The larger of each pair.
     fn max(self, other: Self) -> Self;

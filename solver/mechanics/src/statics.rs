@@ -14,15 +14,15 @@ use crate::newton::{
 /// Supports and full loads of a static problem.
 #[derive(Debug)]
 pub struct StaticProblem<'a> {
-    /// The body.
+    /// Body in equilibrium.
     pub body: &'a Body,
-    /// Global operations.
+    /// Communicator of the ranks, for sums over all of them.
     pub comm: &'a dyn Communicator,
     /// Surfaces with their pressure at full load \[kPa\].
     pub pressures: Vec<(PressureSurface, f64)>,
     /// Springs with their stiffness \[kPa/mm\].
     pub springs: Vec<(Robin, f64)>,
-    /// Which components of which nodes are prescribed.
+    /// Components of each node's displacement that are prescribed.
     pub fixed: Vec<[bool; 3]>,
     /// Prescribed displacement at full load \[mm\], three a node; empty for zero.
     pub prescribed: Vec<f64>,
@@ -33,17 +33,17 @@ pub struct StaticProblem<'a> {
 /// Settings of the load steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadSteps {
-    /// First step, a share of the full load.
+    /// First load step, as a share of the full load.
     pub first: f64,
-    /// Largest step.
+    /// Largest load step, as a share of the full load.
     pub largest: f64,
-    /// Steps are not halved below this.
+    /// Smallest load step, below which none is halved.
     pub smallest: f64,
     /// A step grows by half after this many solves in a row of at most [`Self::quick`] iterations.
     pub grow_after: usize,
-    /// Iterations of a quick solve.
+    /// Largest number of iterations of a quick solve.
     pub quick: usize,
-    /// Newton.
+    /// Settings of Newton's method in each load step.
     pub newton: NewtonSettings,
 }
 
@@ -70,7 +70,7 @@ pub struct StaticReport {
 }
 
 impl StaticReport {
-    /// Linear systems solved.
+    /// Number of linear systems that were solved.
     #[must_use]
     pub fn iterations(&self) -> usize {
         self.steps.iter().map(NewtonReport::iterations).sum()
@@ -83,9 +83,9 @@ impl StaticReport {
 pub struct StaticError {
     /// Share of the load of the last equilibrium.
     pub load: f64,
-    /// The step that failed.
+    /// Load step that failed, as a share of the full load.
     pub step: f64,
-    /// Why.
+    /// Failure of the smallest load step.
     pub source: NewtonError,
 }
 

@@ -10,9 +10,9 @@ pub struct GeneralisedAlpha {
     pub alpha_m: f64,
     /// Weight of the old forces.
     pub alpha_f: f64,
-    /// Newmark's β.
+    /// Coefficient β of Newmark's displacement.
     pub beta: f64,
-    /// Newmark's γ.
+    /// Coefficient γ of Newmark's velocity.
     pub gamma: f64,
 }
 
@@ -22,9 +22,9 @@ pub struct GeneralisedAlpha {
     "generalised-α: alpha_m = {alpha_m}, alpha_f = {alpha_f}, but it must be alpha_m ≤ alpha_f ≤ 1/2"
 )]
 pub struct TimeIntegrationError {
-    /// Found.
+    /// Weight α_m that was given.
     pub alpha_m: f64,
-    /// Found.
+    /// Weight α_f that was given.
     pub alpha_f: f64,
 }
 
@@ -93,11 +93,11 @@ impl GeneralisedAlpha {
 /// Displacement \[mm\], velocity \[mm/ms\] and acceleration \[mm/ms²\], three numbers a node.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Motion {
-    /// Displacement.
+    /// Displacement from the reference configuration \[mm\].
     pub u: Vec<f64>,
-    /// Velocity.
+    /// Velocity of the nodes \[mm/ms\].
     pub v: Vec<f64>,
-    /// Acceleration.
+    /// Acceleration of the nodes \[mm/ms²\].
     pub a: Vec<f64>,
 }
 

@@ -1,8 +1,9 @@
 //! Fibres and activation times of a mesh on one rank or several, each with a part of it.
 //!
-//! Rank 0 has the mesh, sends the others their parts ([`TissueJob::lead`], [`serve`]) and collects what they find; threads take
-//! theirs themselves ([`TissueJob::on_threads`]). Fibres are the same to the bit on any number of ranks
-//! ([`cardiotwin_mesh::joint`]), times to round-off, 1e-10 ms.
+//! Rank 0 has the mesh, sends the other ranks their parts ([`TissueJob::lead`], [`serve`]) and
+//! collects their results; threads take their parts themselves ([`TissueJob::on_threads`]). Fibres
+//! are the same to the bit on any number of ranks ([`cardiotwin_mesh::joint`]), times to round-off,
+//! 1e-10 ms.
 
 use cardiotwin_linalg::parallel::{
     Communicator, MessageReader, MessageWriter, Part, PartitionError, RankFailure, SingleProcess,
@@ -23,31 +24,31 @@ use crate::fibre_message::{self, WALL_WIDTH, angle_numbers, angles_of, wall_numb
 /// Meshes of fewer nodes stay on one rank.
 pub const FEWEST_NODES: usize = 3000;
 
-/// Why a mesh has no fibres or no activation times.
+/// Reasons why a mesh has no fibres or no activation times.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TissueError {
-    /// No fibres.
+    /// The fields of the fibre rule cannot be computed.
     #[error(transparent)]
     Fibres(#[from] LaplaceError),
-    /// No activation times.
+    /// The activation times cannot be computed.
     #[error(transparent)]
     Activation(#[from] EikonalError),
-    /// The mesh cannot be cut.
+    /// The mesh cannot be cut into parts.
     #[error(transparent)]
     Partition(#[from] PartitionError),
-    /// A thread failed.
+    /// The system starts no thread for a rank.
     #[error(transparent)]
     Rank(#[from] RankFailure),
 }
 
-/// What is wanted.
+/// Fibres and activation times to compute for a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TissueJob {
-    /// Tags of muscle.
+    /// Tags of the elements that are muscle.
     pub muscle: Vec<i32>,
-    /// Angles of the fibres; none where the mesh has frames.
+    /// Angles of the fibres; `None` where the mesh has frames.
     pub fibres: Option<Angles>,
-    /// How activation spreads; none where no times are wanted.
+    /// Spread of the activation; `None` where no times are wanted.
     pub conduction: Option<Conduction>,
 }
 

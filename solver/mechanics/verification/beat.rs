@@ -117,7 +117,7 @@ pub struct Balance {
 }
 
 impl Balance {
-    /// What is missing.
+    /// Energy that the balance misses, work minus loss and storage.
     pub fn gap(&self) -> f64 {
         self.pressure + self.muscle - self.lost - self.stored
     }

@@ -31,9 +31,9 @@ pub enum Coupling {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Load {
-    /// Both ends held.
+    /// Both ends are held.
     Isometric,
-    /// One end held, a small tension at the other.
+    /// One end is held, with a small tension at the other.
     Shortening,
 }
 

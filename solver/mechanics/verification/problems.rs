@@ -70,7 +70,7 @@ pub struct Problem {
     pub grid: Option<[usize; 3]>,
 }
 
-/// A solved problem.
+/// A problem in equilibrium, with its mesh.
 pub struct Solution {
     pub nodes: Vec<[f64; 3]>,
     pub displacement: Vec<f64>,
@@ -419,7 +419,7 @@ fn ventricle(
     }
 }
 
-/// Problem 2.
+/// Problem 2: inflation of a ventricle of isotropic tissue to 10 kPa.
 pub fn inflation(n: usize, layers: usize, kappa_kpa: f64) -> Problem {
     let law = Guccione {
         c_kpa: 10.0,
@@ -430,7 +430,7 @@ pub fn inflation(n: usize, layers: usize, kappa_kpa: f64) -> Problem {
     ventricle(n, layers, law, 10.0, 0.0, kappa_kpa, 0.1, 1.3)
 }
 
-/// Problem 3.
+/// Problem 3: inflation and contraction of a ventricle with fibres.
 pub fn contraction(n: usize, layers: usize, kappa_kpa: f64) -> Problem {
     let law = Guccione {
         c_kpa: 2.0,

@@ -21,7 +21,7 @@ pub struct Symmetric {
 }
 
 impl Symmetric {
-    /// Zeros, with an entry for each pair of unknowns that share a set.
+    /// A matrix of zeros, with an entry for each pair of unknowns that share a set.
     pub fn new(n: usize, sets: &[Vec<u32>]) -> Self {
         let pattern = Pattern::of_elements(n, sets.iter().map(|s| (&s[..], &s[..])));
         let start: Vec<usize> = pattern.row_start.iter().map(|k| *k as usize).collect();
@@ -86,7 +86,7 @@ impl Symmetric {
             .expect("a regular matrix");
     }
 
-    /// Solves in place.
+    /// Replaces the right-hand side `x` by the solution.
     pub fn solve(&self, x: &mut [f64]) {
         let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<f64>(1, Par::Seq));
         let n = x.len();

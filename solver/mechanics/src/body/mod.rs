@@ -16,7 +16,7 @@ use cardiotwin_linalg::parallel::{Communicator, Disagreement, Layout, agree};
 use cardiotwin_linalg::{BlockCsr, CondensedMatrix, Coupling, Pattern};
 use passes::{Elements, Field, Moving, Pass};
 
-/// Why a body could not be built.
+/// Reasons why a body could not be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BodyError {
     /// A tissue's parameter is out of range.
@@ -24,7 +24,7 @@ pub enum BodyError {
     Material {
         /// Position in the list of tissues.
         tissue: usize,
-        /// The invalid parameter.
+        /// Invalid parameter of the tissue.
         source: MaterialError,
     },
     /// An element is unusable.
@@ -76,19 +76,19 @@ pub struct BodyInput<'a, const N: usize> {
 /// State of the integration points at a displacement: batches of eight lanes, ordered by batch and then by point.
 #[derive(Debug, Clone, Default)]
 pub struct Deformation {
-    /// Volume ratio `J`.
+    /// Volume ratio `J`, deformed over reference volume.
     pub volume_ratio: Vec<Eight>,
     /// Squared fibre stretch `C₁₁`.
     pub squared_stretch: Vec<Eight>,
     /// Pressure of each vertex from its averaged volume change \[kPa\]; empty for a pointwise penalty.
     pub nodal_pressure: Vec<f64>,
-    /// Its derivative with respect to the vertex's deformed volume \[kPa/mm³\].
+    /// Derivative of that pressure with respect to the vertex's deformed volume \[kPa/mm³\].
     pub nodal_slope: Vec<f64>,
     /// Smallest `J` on this rank, and its element.
     pub smallest: (f64, usize),
 }
 
-/// An assembled body.
+/// Elements and tissues, assembled on this rank's nodes.
 pub struct Body {
     elements: Box<dyn Elements>,
     tissues: Vec<Tissue>,

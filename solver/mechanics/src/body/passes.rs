@@ -33,7 +33,7 @@ pub struct Moving<'a> {
     pub velocity: &'a [f64],
     /// Viscosity of each tissue \[kPa·ms\]; empty without viscosity.
     pub viscosity_kpa_ms: &'a [f64],
-    /// `∂v/∂u` \[1/ms\].
+    /// Derivative `∂v/∂u` of the velocity in the time scheme \[1/ms\].
     pub velocity_rate_per_ms: f64,
 }
 

@@ -27,7 +27,7 @@ pub struct Batch<const N: usize, const Q: usize> {
     pub elements: [u32; BATCH],
     /// Nodes of each lane's element.
     pub nodes: [[u32; BATCH]; N],
-    /// Integration points.
+    /// Gradients and weights at the integration points.
     pub points: [Point<N>; Q],
 }
 

@@ -18,14 +18,14 @@ pub const MAX_PAIRS: usize = 55;
 /// Active stress at each integration point of a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ActivePoint {
-    /// Active stress \[kPa\].
+    /// Active stress along the fibre \[kPa\].
     pub sa_kpa: Eight,
     /// Derivative of the active stress with respect to the fibre stretch \[kPa\].
     pub slope_kpa: Eight,
 }
 
 impl ActivePoint {
-    /// No active stress.
+    /// Value for tissue without active stress.
     pub const NONE: Self = Self {
         sa_kpa: [0.0; BATCH],
         slope_kpa: [0.0; BATCH],
@@ -35,7 +35,7 @@ impl ActivePoint {
 /// Nodal values of a batch.
 #[derive(Debug, Clone)]
 pub struct Gathered<const N: usize> {
-    /// Positions \[mm\].
+    /// Positions of the nodes in space \[mm\].
     pub x: [[Eight; 3]; N],
     /// Pressures at the vertices from averaged volume changes \[kPa\].
     pub pressure: [Eight; 4],
@@ -65,7 +65,7 @@ pub struct Viscous {
 }
 
 impl Viscous {
-    /// No viscosity.
+    /// Value for tissue without viscosity.
     pub const NONE: Self = Self {
         viscosity_kpa_ms: 0.0,
         velocity_rate_per_ms: 0.0,
@@ -85,7 +85,7 @@ pub struct Scratch<const N: usize> {
 }
 
 impl<const N: usize> Scratch<N> {
-    /// Zeroed output.
+    /// Output filled with zeros.
     #[must_use]
     pub fn new() -> Box<Self> {
         Box::new(Self {

@@ -7,11 +7,11 @@ use super::shape::EDGES;
 /// A mesh of quadratic tetrahedra. Vertices keep their numbers; mid-edge nodes follow in ascending order of their edges.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QuadraticMesh {
-    /// Node coordinates \[mm\].
+    /// Coordinates of vertices and mid-edge nodes \[mm\].
     pub nodes: Vec<[f64; 3]>,
     /// Nodes of each element.
     pub tets: Vec<[u32; 10]>,
-    /// Number of vertices.
+    /// Number of vertices, which are the first nodes.
     pub n_vertices: usize,
     edges: BTreeMap<(u32, u32), u32>,
 }

@@ -28,7 +28,7 @@ pub struct PackedVolume(pub [f32; 4]);
 pub struct PackedTangent {
     pattern: Arc<Pattern>,
     blocks: Vec<PackedBlock>,
-    /// One a block.
+    /// Entries of `G`, one a block.
     volumes: Vec<PackedVolume>,
     /// `D` \[kPa/mm³\], one a vertex; empty without nodal volume change.
     bulk: Vec<f64>,
@@ -36,7 +36,7 @@ pub struct PackedTangent {
 }
 
 impl PackedTangent {
-    /// Zeros on `pattern`.
+    /// A tangent of zeros with the entries of `pattern`.
     #[must_use]
     pub fn zeros(pattern: Arc<Pattern>) -> Self {
         let blocks = vec![PackedBlock([[0.0; 4]; 3]); pattern.column.len()];

@@ -25,7 +25,7 @@ use tensor::{Sym, Tangent, add_pair, add_square, add_symmetric_product, apply, c
 /// A tissue: passive law, resistance to a change of volume, active stress.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tissue {
-    /// Passive law.
+    /// Law of the passive stress.
     pub law: Law,
     /// Resistance to a change of volume.
     pub volumetric: Volumetric,
@@ -41,9 +41,9 @@ pub struct Tissue {
 pub struct MaterialError {
     /// Name of the parameter.
     pub name: &'static str,
-    /// Its value.
+    /// Value of the parameter.
     pub value: f64,
-    /// Admissible range.
+    /// Range of admissible values, in words.
     pub expected: &'static str,
 }
 
@@ -84,7 +84,7 @@ impl Tissue {
 /// Second Piola–Kirchhoff stress \[kPa\] and its tangent `2 ∂S/∂C` \[kPa\].
 #[derive(Debug, Clone, Copy)]
 pub struct Response<R> {
-    /// Stress \[kPa\].
+    /// Second Piola–Kirchhoff stress \[kPa\].
     pub s: Sym<R>,
     /// Tangent \[kPa\]; zero if it was not requested.
     pub d: Tangent<R>,

@@ -19,14 +19,14 @@ pub const fn at(i: usize, j: usize) -> usize {
     i * 6 + j - i * (i + 1) / 2
 }
 
-/// `a : b`.
+/// Full contraction `a : b`.
 #[inline(always)]
 pub fn contract<R: Real>(a: &Sym<R>, b: &Sym<R>) -> R {
     let shear = a[3].mul_add(b[3], a[4].mul_add(b[4], a[5] * b[5]));
     a[0].mul_add(b[0], a[1].mul_add(b[1], a[2].mul_add(b[2], shear + shear)))
 }
 
-/// Determinant.
+/// Determinant of a symmetric tensor.
 #[inline(always)]
 pub fn determinant<R: Real>(a: &Sym<R>) -> R {
     a[0] * (a[1] * a[2] - a[5] * a[5]) - a[3] * (a[3] * a[2] - a[5] * a[4])

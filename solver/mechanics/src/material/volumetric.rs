@@ -35,7 +35,7 @@ impl Volumetric {
 }
 
 impl VolumetricLaw {
-    /// `U/κ`.
+    /// Energy of volume change over the bulk modulus, `U/κ`, at the volume ratio `j`.
     #[inline(always)]
     pub fn energy<R: Real>(self, j: R) -> R {
         let one = j.like(1.0);
@@ -49,7 +49,7 @@ impl VolumetricLaw {
         }
     }
 
-    /// `U'/κ` and `U''/κ`.
+    /// First and second derivative of this energy, `U'/κ` and `U''/κ`.
     #[inline(always)]
     pub fn slopes<R: Real>(self, j: R) -> (R, R) {
         let one = j.like(1.0);

@@ -92,13 +92,13 @@ pub enum Tets {
     Quadratic(Vec<[u32; 10]>),
 }
 
-/// Why a mesh does not describe a ventricle.
+/// Reasons why a mesh does not describe a ventricle.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AnatomyError {
     /// A required surface is missing.
     #[error("the mesh has no surface {name:?}; give its surfaces or determine them first")]
     NoSurface {
-        /// Its name.
+        /// Name of the surface.
         name: &'static str,
     },
     /// The endocardium is not an orientable surface with one or more openings.
@@ -110,7 +110,7 @@ pub enum AnatomyError {
     /// A contracting element has no fibre direction.
     #[error("element {element} contracts, but has no fibre; compute fibres first")]
     NoFibre {
-        /// Its number in the mesh.
+        /// Number of the element in the mesh.
         element: usize,
     },
     /// The transmural depth could not be computed.
@@ -119,7 +119,7 @@ pub enum AnatomyError {
     /// No element has a contracting tag.
     #[error("no element has one of the contracting tags {tags:?}")]
     NoMuscle {
-        /// The tags that contract.
+        /// Tags that contract.
         tags: Vec<i32>,
     },
 }
@@ -170,13 +170,13 @@ impl LongAxis {
 pub struct Anatomy {
     /// Node positions \[mm\], vertices first.
     pub nodes: Vec<[f64; 3]>,
-    /// Number of vertices.
+    /// Number of vertices, which are the first nodes.
     pub n_vertices: usize,
     /// Elements with the nodes of their interpolation.
     pub tets: Tets,
     /// The four vertices of each element.
     pub corners: Vec<[u32; 4]>,
-    /// How elements resist a change of volume.
+    /// Resistance of the elements to a change of volume.
     pub volume: VolumeChange,
     /// Whether each element contracts.
     pub contracts: Vec<bool>,

@@ -232,7 +232,7 @@ impl PointContraction {
         self.now.ca_um.clone_from(&self.trial.ca_um);
     }
 
-    /// Number of points.
+    /// Number of integration points in the muscle.
     #[must_use]
     pub fn n_points(&self) -> usize {
         self.places.len()

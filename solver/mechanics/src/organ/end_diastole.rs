@@ -13,7 +13,7 @@ pub struct EndDiastole {
     pub anchor: Vec<f64>,
     /// Displacement from the unloaded geometry \[mm\], three numbers a node.
     pub u: Vec<f64>,
-    /// Cavity pressure \[kPa\].
+    /// Pressure in the left cavity \[kPa\].
     pub pressure_kpa: f64,
 }
 

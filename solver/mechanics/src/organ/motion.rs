@@ -20,13 +20,13 @@ const HALF_WIDTH: f64 = 0.125;
 /// Smallest distance of an apical node from the rim's middle, relative to the farthest node's.
 const APEX: f64 = 0.98;
 
-/// Why landmarks could not be found on a mesh.
+/// Reasons why landmarks could not be found on a mesh.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LandmarkError {
     /// A surface is missing or empty.
     #[error("the mesh has no surface {name:?}, on which motion is measured")]
     NoSurface {
-        /// Its name.
+        /// Name of the surface.
         name: &'static str,
     },
     /// No node of a surface lies near a level.
@@ -127,7 +127,7 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Length of [`Self::numbers`].
+    /// Number of entries of [`Self::numbers`].
     pub const N: usize = 9;
 
     /// Mean thickness of the wall at the middle level \[mm\].

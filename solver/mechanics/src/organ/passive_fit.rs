@@ -10,14 +10,14 @@ use super::wall::WallParameters;
 pub enum PassiveFit {
     /// The image is taken as unloaded and the stiffness is given, so that only end-diastole is sought.
     ImageUnloaded {
-        /// End-diastolic pressure \[kPa\].
+        /// Pressure to which the image is inflated \[kPa\].
         end_diastolic_pressure_kpa: f64,
     },
     /// The stiffness is given, and the image is unloaded and inflated to end-diastole.
     Given {
         /// Pressure at which the image was taken \[kPa\].
         image_pressure_kpa: f64,
-        /// End-diastolic pressure \[kPa\].
+        /// Pressure to which the unloaded geometry is inflated \[kPa\].
         end_diastolic_pressure_kpa: f64,
     },
     /// The image shows diastasis, and volumes are prescribed at zero load and at end-diastole. Stiffness and a factor of the
@@ -26,18 +26,18 @@ pub enum PassiveFit {
     ThreePoints {
         /// Pressure at diastasis \[kPa\].
         image_pressure_kpa: f64,
-        /// End-diastolic pressure \[kPa\].
+        /// Pressure at end-diastole \[kPa\].
         end_diastolic_pressure_kpa: f64,
-        /// End-diastolic volume \[mm³\].
+        /// Cavity volume wanted at end-diastole \[mm³\].
         end_diastolic_volume_mm3: f64,
-        /// Unloaded volume \[mm³\].
+        /// Cavity volume wanted without load \[mm³\].
         unloaded_volume_mm3: f64,
     },
     /// The image is taken at end-diastolic pressure with a prescribed unloaded volume (Klotz 2006); the stiffness is fitted.
     Unloaded {
-        /// End-diastolic pressure \[kPa\].
+        /// End-diastolic pressure, at which the image was taken \[kPa\].
         end_diastolic_pressure_kpa: f64,
-        /// Unloaded volume \[mm³\].
+        /// Cavity volume wanted without load \[mm³\].
         unloaded_volume_mm3: f64,
     },
 }

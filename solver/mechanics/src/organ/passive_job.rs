@@ -38,9 +38,9 @@ pub struct FoundState {
     pub volume_mm3: f64,
     /// Cavity volume without load \[mm³\].
     pub unloaded_volume_mm3: f64,
-    /// Newton iterations.
+    /// Number of Newton iterations, all inflations together.
     pub newton_iterations: usize,
-    /// Passes of the unloading, all together.
+    /// Number of passes of the unloading, all together.
     pub passes: usize,
 }
 

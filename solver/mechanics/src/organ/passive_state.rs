@@ -24,7 +24,7 @@ const SMALLEST_SHARE: f64 = 0.1;
 /// Maximum number of steps of a relaxation.
 const MOST_RELAXATIONS: usize = 60;
 
-/// Why no passive state was found.
+/// Reasons why no passive state was found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PassiveStateError {
     /// The wall could not be built.
@@ -42,9 +42,9 @@ pub enum PassiveStateError {
     /// The inflation did not reach its pressure.
     #[error("no equilibrium found beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
     Inflation {
-        /// Pressure of the last equilibrium.
+        /// Pressure of the last equilibrium \[kPa\].
         reached_kpa: f64,
-        /// Pressure wanted.
+        /// Pressure to which the wall was to be inflated \[kPa\].
         wanted_kpa: f64,
         /// Failure of the smallest load step.
         source: StepError,
@@ -55,9 +55,9 @@ pub enum PassiveStateError {
          error {distance_mm:.2} mm"
     )]
     NotUnloaded {
-        /// Number of passes.
+        /// Number of passes of the unloading.
         passes: usize,
-        /// Relative volume error.
+        /// Relative difference between the inflated volume and the volume of the image.
         volume_error: f64,
         /// Largest distance of a node from its place in the image \[mm\].
         distance_mm: f64,
@@ -86,7 +86,7 @@ pub enum PassiveStateError {
         /// Name of the law.
         law: &'static str,
     },
-    /// No stiffness fits.
+    /// No stiffness in the range gives the wanted volume.
     #[error(
         "no stiffness gives a volume of {wanted_ml:.2} mL: {low_kpa:.3} kPa gives {at_low_ml:.2} mL, {high_kpa:.3} \
          kPa gives {at_high_ml:.2} mL (NaN means no equilibrium); the volumes and pressures of image and \
@@ -97,7 +97,7 @@ pub enum PassiveStateError {
         low_kpa: f64,
         /// Upper end of the stiffness range \[kPa\].
         high_kpa: f64,
-        /// Wanted volume \[mL\].
+        /// Volume that the stiffness has to give \[mL\].
         wanted_ml: f64,
         /// Volume at the lower end \[mL\].
         at_low_ml: f64,
@@ -115,7 +115,7 @@ pub struct PassiveState {
     pub stiffness_kpa: f64,
     /// Displacement from the unloaded geometry \[mm\], three numbers a node.
     pub u: Vec<f64>,
-    /// Cavity pressure \[kPa\].
+    /// Pressure in the left cavity \[kPa\].
     pub pressure_kpa: f64,
     /// Newton iterations so far.
     pub newton_iterations: usize,
@@ -186,13 +186,13 @@ impl PassiveState {
         }
     }
 
-    /// Cavity volume \[mm³\].
+    /// Volume of the left cavity \[mm³\].
     #[must_use]
     pub fn volume_mm3(&self) -> f64 {
         self.dynamics.cavity_volume(&self.u)
     }
 
-    /// Cavity volume of the unloaded geometry \[mm³\].
+    /// Volume of the left cavity in the unloaded geometry \[mm³\].
     #[must_use]
     pub fn unloaded_volume_mm3(&self) -> f64 {
         self.dynamics.cavity_volume(&vec![0.0; self.u.len()])

@@ -192,7 +192,7 @@ pub struct RankFigures {
     pub elements: f64,
     /// Ranks with which it exchanges halos.
     pub neighbours: f64,
-    /// Halo messages sent.
+    /// Halo messages that the rank has sent.
     pub halo_messages: f64,
     /// Bytes in these messages.
     pub halo_bytes: f64,

@@ -102,7 +102,7 @@ pub struct SearchProgress {
     pub passes: usize,
     /// Number of Newton iterations.
     pub newton_iterations: usize,
-    /// Target pressure \[kPa\].
+    /// Pressure to which the wall is being inflated \[kPa\].
     pub pressure_kpa: f64,
 }
 

@@ -41,11 +41,11 @@ const IN_SNAPSHOTS: [Values; 8] = [
 /// Definition of a finite-element ventricle.
 #[derive(Debug)]
 pub struct VentricleParts<'a> {
-    /// Geometry and fibres.
+    /// Geometry, fibres and surfaces of the mesh.
     pub anatomy: &'a Anatomy,
     /// The wall, with the fitted passive law.
     pub wall: &'a WallParameters,
-    /// End-diastolic state.
+    /// Unloaded geometry and displacement at end-diastole, from which the beat starts.
     pub end_diastole: EndDiastole,
     /// Contraction model of all points.
     pub contraction: GroupContraction,
@@ -85,7 +85,7 @@ pub struct VentricleWork {
     pub newton_iterations: usize,
     /// Number of Krylov iterations for both right-hand sides.
     pub krylov_iterations: usize,
-    /// Number of factorisations.
+    /// Number of factorisations of the tangent.
     pub factorisations: usize,
 }
 

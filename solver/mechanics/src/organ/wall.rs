@@ -30,7 +30,7 @@ pub struct WallParameters {
     pub passive_kappa_kpa: f64,
     /// Passive tissues of particular mesh tags.
     pub passive_of_tags: Vec<PassiveTissue>,
-    /// Mass density \[mg/mm³\].
+    /// Mass density of muscle and passive tissue \[mg/mm³\].
     pub density: f64,
     /// Pericardial springs along the normals of epicardium and septum, with their values at the apex; at rest at end-diastole.
     pub pericardium: Spring,
@@ -57,7 +57,7 @@ pub struct WallParameters {
 pub struct SprungSurface {
     /// Name of the surface in the mesh.
     pub name: String,
-    /// Springs and dashpots.
+    /// Springs and dashpots along the normal.
     pub spring: Spring,
 }
 
@@ -66,9 +66,9 @@ pub struct SprungSurface {
 pub struct PassiveTissue {
     /// Tag of its elements.
     pub tag: i32,
-    /// Shear modulus \[kPa\].
+    /// Shear modulus of the tissue \[kPa\].
     pub mu_kpa: f64,
-    /// Bulk modulus \[kPa\].
+    /// Bulk modulus of the tissue \[kPa\].
     pub kappa_kpa: f64,
 }
 
@@ -111,13 +111,13 @@ impl Default for WallParameters {
 /// Springs and dashpots on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spring {
-    /// Stiffness \[kPa/mm\].
+    /// Stiffness of the springs per area \[kPa/mm\].
     pub stiffness: f64,
-    /// Damping \[kPa·ms/mm\].
+    /// Damping of the dashpots per area \[kPa·ms/mm\].
     pub damping: f64,
 }
 
-/// Why the wall could not be built.
+/// Reasons why the wall could not be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WallError {
     /// A material or an element is unusable.
@@ -152,9 +152,9 @@ pub enum WallError {
     Parameter {
         /// Name of the parameter.
         name: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// Admissible range.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
 }

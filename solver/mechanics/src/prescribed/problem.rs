@@ -21,9 +21,9 @@ pub struct SurfaceSupport {
     pub triangles: Vec<[u32; 3]>,
     /// Displacement components that the support resists.
     pub direction: RobinDirection,
-    /// Stiffness \[kPa/mm\].
+    /// Stiffness of the springs per area \[kPa/mm\].
     pub spring: f64,
-    /// Damping \[kPa·ms/mm\].
+    /// Damping of the dashpots per area \[kPa·ms/mm\].
     pub dashpot: f64,
 }
 
@@ -46,11 +46,11 @@ pub struct Problem<'a> {
     pub tissue_of: Vec<usize>,
     /// Fibre frame at a point of an element (element, coordinates \[mm\]).
     pub frame: &'a dyn Fn(usize, [f64; 3]) -> Frame,
-    /// Springs and dashpots.
+    /// Springs and dashpots on surfaces.
     pub supports: Vec<SurfaceSupport>,
     /// Triangles with constrained nodes, and the constrained components.
     pub fixed: Vec<(Vec<[u32; 3]>, [bool; 3])>,
-    /// Triangles under pressure.
+    /// Triangles under a pressure that follows their deformation.
     pub pressures: Vec<(Vec<[u32; 3]>, Course)>,
     /// Active stress of all contracting tissue.
     pub active: Course,
@@ -107,17 +107,17 @@ const TOLERANCE: f64 = 0.2;
 /// A body with supports, loads, cavities and probes.
 #[derive(Debug)]
 pub struct Setup {
-    /// The body.
+    /// Body with its elements and tissues.
     pub body: Body,
     /// Springs and dashpots: matrix, stiffness \[kPa/mm\], damping \[kPa·ms/mm\].
     pub supports: Vec<(Robin, f64, f64)>,
     /// Constrained components of each node; empty for none.
     pub fixed: Vec<[bool; 3]>,
-    /// Surfaces under pressure.
+    /// Surfaces with the course of their pressure.
     pub pressures: Vec<(PressureSurface, Course)>,
-    /// Active stress.
+    /// Course of the active stress in all contracting tissue.
     pub active: Course,
-    /// Cavities.
+    /// Cavities whose volumes are sampled.
     pub cavities: Vec<Cavity>,
     /// Nodes and shape functions of each probe.
     pub probes: Vec<Vec<(u32, f64)>>,

@@ -17,9 +17,9 @@ use crate::time_integration::GeneralisedAlpha;
 /// Time steps and sampling of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Schedule {
-    /// Time step \[ms\].
+    /// Length of a time step \[ms\].
     pub dt_ms: f64,
-    /// End time \[ms\].
+    /// Time at which the run ends \[ms\].
     pub end_ms: f64,
     /// Number of steps between samples.
     pub sample_every: usize,
@@ -30,7 +30,7 @@ pub struct Schedule {
 /// Displacements and volumes at an instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// Time \[ms\].
+    /// Time of the sample \[ms\].
     pub t_ms: f64,
     /// Displacement of each probe \[mm\].
     pub probes_mm: Vec<[f64; 3]>,
@@ -49,11 +49,11 @@ pub struct RunCost {
     pub newton_iterations: usize,
     /// Number of iterations of the linear solver.
     pub krylov_iterations: usize,
-    /// Number of factorisations.
+    /// Number of factorisations of the tangent.
     pub factorisations: usize,
 }
 
-/// Why a run did not reach its end.
+/// Reasons why a run did not reach its end.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RunError {
     /// An element is inverted in the reference configuration.
@@ -63,15 +63,15 @@ pub enum RunError {
     Start {
         /// Index of the element.
         element: usize,
-        /// Its volume ratio.
+        /// Volume ratio of the element.
         volume_ratio: f64,
     },
     /// The smallest step failed.
     #[error("no time step beyond {t_ms:.3} ms converged, not even one of {dt_ms:.1e} ms")]
     Step {
-        /// Time reached \[ms\].
+        /// Time that was reached \[ms\].
         t_ms: f64,
-        /// The step that failed \[ms\].
+        /// Length of the step that failed \[ms\].
         dt_ms: f64,
         /// Failure of that step.
         source: StepError,

@@ -5,21 +5,21 @@
 pub enum TimeCourse {
     /// Zero before time zero, then constant.
     Constant {
-        /// Value \[kPa\].
+        /// Value from time zero on \[kPa\].
         value_kpa: f64,
     },
     /// Linear from zero to a value, then constant.
     Ramp {
-        /// Final value \[kPa\].
+        /// Value at the end of the line \[kPa\].
         value_kpa: f64,
-        /// Time at which it is reached \[s\].
+        /// Time at which the line ends \[s\].
         until_s: f64,
     },
     /// Linear between points, constant before the first and after the last.
     Table {
-        /// Times \[s\], ascending.
+        /// Times of the points, ascending \[s\].
         t_s: Vec<f64>,
-        /// Values \[kPa\].
+        /// Values at the points \[kPa\].
         value_kpa: Vec<f64>,
     },
     /// `τ' = −|a| τ + σ₀ max(a, 0)`, `a = rise·f + fall·(1 − f)`, `f = S⁺(t − t_on) S⁻(t − t_off)`, `S±(x) = (1 ±
@@ -27,15 +27,15 @@ pub enum TimeCourse {
     ///
     /// Source: active stress of Aróstica et al. 2025, Comput Methods Appl Mech Eng 435:117485.
     Activation {
-        /// Contractility σ₀ \[kPa\].
+        /// Contractility σ₀, which the stress approaches while activated \[kPa\].
         contractility_kpa: f64,
-        /// Rate of rise \[1/s\].
+        /// Rate at which the stress rises while activated \[1/s\].
         rise_per_s: f64,
-        /// Rate of fall, negative \[1/s\].
+        /// Rate at which it falls otherwise \[1/s\]; negative.
         fall_per_s: f64,
-        /// Onset \[s\].
+        /// Start of the activation t_on \[s\].
         on_s: f64,
-        /// End \[s\].
+        /// End of the activation t_off \[s\].
         off_s: f64,
         /// Width γ of the switches \[s\].
         switch_s: f64,
@@ -45,21 +45,21 @@ pub enum TimeCourse {
     ///
     /// Source: cavity pressure of Aróstica et al. 2025.
     ChamberPressure {
-        /// σ_mid \[kPa\].
+        /// Systolic pressure σ_mid \[kPa\].
         systolic_kpa: f64,
-        /// σ_pre \[kPa/s\].
+        /// Rate σ_pre at which the pressure rises in filling \[kPa/s\].
         filling_kpa_per_s: f64,
-        /// α_pre \[1/s\].
+        /// Rate α_pre, which is added during filling \[1/s\].
         filling_per_s: f64,
-        /// α_mid \[1/s\].
+        /// Rate α_mid, which is added at all times \[1/s\].
         middle_per_s: f64,
-        /// Rate of rise \[1/s\].
+        /// Rate of the activation while activated \[1/s\].
         rise_per_s: f64,
-        /// Rate of fall, negative \[1/s\].
+        /// Rate of the activation otherwise \[1/s\]; negative.
         fall_per_s: f64,
-        /// Onset \[s\].
+        /// Start of the activation t_on \[s\].
         on_s: f64,
-        /// End \[s\].
+        /// End of the activation t_off \[s\].
         off_s: f64,
         /// Width γ of the switches \[s\].
         switch_s: f64,
@@ -72,9 +72,9 @@ pub enum TimeCourse {
 pub struct TimeCourseError {
     /// Name of the parameter.
     pub name: &'static str,
-    /// Its value.
+    /// Value of the parameter.
     pub value: f64,
-    /// Admissible range.
+    /// Range of admissible values, in words.
     pub expected: &'static str,
 }
 

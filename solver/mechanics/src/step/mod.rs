@@ -92,11 +92,11 @@ impl Closure<'_> {
 /// Settings of a time step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepSettings {
-    /// Converged once the residual, relative to the scale of the forces, is below this.
+    /// Tolerance of the residual, relative to the scale of the forces.
     pub relative_tolerance: f64,
     /// Smallest scale of the forces, as a pressure on the endocardium \[kPa\]; it sets the scale at rest.
     pub least_pressure_kpa: f64,
-    /// Converged once the volume balance is below this \[mm³\].
+    /// Tolerance of the volume balance \[mm³\].
     pub volume_tolerance_mm3: f64,
     /// Maximum number of Newton iterations.
     pub max_iterations: usize,
@@ -117,7 +117,7 @@ pub struct StepSettings {
     pub foresee_pressures: bool,
     /// Whether a beat's step starts from an extrapolation of motion and pressure rather than from the last step's end.
     pub extrapolate: bool,
-    /// Linear solver.
+    /// Solver of the linear systems.
     pub linear: LinearSolver,
     /// Limits of the Krylov method; its tolerance follows from the residual.
     pub krylov: KrylovSettings,
@@ -152,7 +152,7 @@ pub struct StepReport {
     pub iterations: usize,
     /// Number of Krylov iterations for both right-hand sides.
     pub krylov_iterations: usize,
-    /// Number of factorisations.
+    /// Number of factorisations of the tangent.
     pub factorisations: usize,
     /// Final residual relative to the scale of the forces.
     pub relative_residual: f64,
@@ -160,7 +160,7 @@ pub struct StepReport {
     pub volume_residual_mm3: f64,
 }
 
-/// Why a step failed.
+/// Reasons why a step failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StepError {
     /// Newton's method did not converge.
@@ -169,7 +169,7 @@ pub enum StepError {
          volume balance {volume_residual_mm3:.1e} mm³"
     )]
     NotConverged {
-        /// Number of iterations.
+        /// Number of Newton iterations.
         iterations: usize,
         /// Residual relative to the scale of the forces.
         relative_residual: f64,
@@ -181,7 +181,7 @@ pub enum StepError {
     Inverted {
         /// Number of the element.
         element: usize,
-        /// Its volume ratio at the shortest step.
+        /// Volume ratio of the element at the shortest step.
         volume_ratio: f64,
     },
     /// A quantity is infinite or NaN.
@@ -195,21 +195,21 @@ pub enum StepError {
         "linear solver: relative residual {relative_residual:.1e} after {iterations} iterations"
     )]
     Linear {
-        /// Number of iterations.
+        /// Number of Krylov iterations.
         iterations: usize,
-        /// Relative residual reached.
+        /// Relative residual of the last one.
         relative_residual: f64,
     },
-    /// The factorisation failed.
+    /// The factorisation of the tangent failed.
     #[error("the direct linear solver failed")]
     Direct(#[from] DirectError),
-    /// The circulation failed.
+    /// The circulation has no solution at the step's end.
     #[error("the circulation failed")]
     Circulation(#[from] CirculationError),
     /// The contraction model failed.
     #[error("the contraction model failed")]
     Contraction(#[from] ContractionError),
-    /// Another rank failed.
+    /// Another rank failed in the step.
     #[error("{reason}")]
     Elsewhere {
         /// Description of the rank and its failure.

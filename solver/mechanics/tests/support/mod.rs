@@ -9,7 +9,7 @@ use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_models::circulation::{Circulation, LeftHeart};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-/// Tags that contract.
+/// Tags of the tissue that contracts.
 pub const MUSCLE: [i32; 1] = [tags::LEFT_VENTRICLE];
 
 /// A mesh of 500 nodes for 112 mL with fibres, and its activation times.
