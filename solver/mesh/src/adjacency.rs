@@ -54,7 +54,7 @@ impl Adjacency {
         Self { starts, items }
     }
 
-    /// Number of rows.
+    /// Number of rows, one for each node.
     #[must_use]
     pub fn n_rows(&self) -> usize {
         self.starts.len() - 1

@@ -70,7 +70,7 @@ impl Cavity {
         -total / 6.0
     }
 
-    /// [`Self::volume_mm3`] in millilitres.
+    /// Enclosed volume as [`Self::volume_mm3`], in millilitres.
     #[must_use]
     pub fn volume(&self, nodes_mm: &[Vec3]) -> Ml {
         Ml(self.volume_mm3(nodes_mm) * 1e-3)

@@ -9,7 +9,7 @@ use crate::surface::boundary;
 use crate::tet_mesh::{EDGES, TetMesh};
 use crate::vec3::{Vec3, cross, dot, sub};
 
-/// A plane.
+/// Plane that cuts a body into halves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plane {
     /// A point in the plane \[mm\].
@@ -53,7 +53,7 @@ pub enum Side {
     Surface(usize),
     /// A boundary face that belongs to no surface.
     Unnamed,
-    /// The cutting plane.
+    /// The cutting plane, which closes the half.
     Cut,
 }
 

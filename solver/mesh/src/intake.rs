@@ -43,7 +43,7 @@ pub enum Fibres {
 pub enum Activation<'a> {
     /// A file with the nodes' activation times.
     Times(&'a Path),
-    /// Activation sites \[mm\].
+    /// Positions of the sites where activation begins \[mm\].
     Sites(&'a [Vec3]),
     /// No check of the activation, only of the mesh.
     Unasked,

@@ -37,7 +37,7 @@ pub enum LaplaceError {
         field: &'static str,
         /// Relative residual that was reached.
         residual: f64,
-        /// Number of iterations.
+        /// Number of iterations that were made.
         iterations: usize,
     },
 }

@@ -38,7 +38,7 @@ pub fn dihedral_angles_deg(x: [Vec3; 4]) -> [f64; 6] {
 /// Shape quality of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
-    /// Smallest [`mean_ratio`].
+    /// Smallest [`mean_ratio`] of an element, 1 for a regular one and 0 for a flat one.
     pub min: f64,
     /// Mean [`mean_ratio`] over elements.
     pub mean: f64,

@@ -31,19 +31,19 @@ pub mod surface_names {
     /// Inner wall of the right ventricle's cavity, including the right side of the septum, in a
     /// mesh of both ventricles.
     pub const RIGHT_VENTRICLE: &str = "right-ventricle";
-    /// All these names.
+    /// All names that the program uses.
     pub const KNOWN: [&str; 5] = [ENDOCARDIUM, EPICARDIUM, RIM, SEPTUM, RIGHT_VENTRICLE];
 }
 
 /// Orthonormal directions of an element's tissue, with `normal` = fibre × sheet up to sign.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// Fibre direction f₀.
+    /// Unit vector f₀ along the fibre.
     pub fibre: Vec3,
     /// Sheet direction s₀, in the sheet and across the fibre; transmural if the sheet angle is
     /// zero.
     pub sheet: Vec3,
-    /// Sheet-normal direction n₀.
+    /// Unit vector n₀ across the sheet.
     pub normal: Vec3,
 }
 
@@ -72,13 +72,13 @@ pub struct TetMesh {
 }
 
 impl TetMesh {
-    /// Number of nodes.
+    /// Number of nodes in the mesh.
     #[must_use]
     pub fn n_nodes(&self) -> usize {
         self.nodes_mm.len()
     }
 
-    /// Number of elements.
+    /// Number of tetrahedra in the mesh.
     #[must_use]
     pub fn n_tets(&self) -> usize {
         self.tets.len()

@@ -20,9 +20,9 @@ pub enum Severity {
 /// A part of a mesh, numbered from zero as in its file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Item {
-    /// A tetrahedron.
+    /// A tetrahedron by its index.
     Element(usize),
-    /// A node.
+    /// A node by its index.
     Node(u32),
     /// An edge by its two nodes.
     Edge([u32; 2]),

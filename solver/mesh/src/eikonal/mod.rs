@@ -25,11 +25,11 @@ use std::collections::BinaryHeap;
 /// Conduction speeds \[mm/ms\] (= m/s).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Speeds {
-    /// Along the fibre.
+    /// Speed along the fibre.
     pub fibre: f64,
-    /// Across the fibre, in the sheet.
+    /// Speed across the fibre, in the sheet.
     pub sheet: f64,
-    /// Across the sheet.
+    /// Speed across the sheet.
     pub normal: f64,
 }
 
@@ -56,7 +56,7 @@ pub struct Site {
     /// Radius within which all conducting nodes are activated with the travel time from the site in
     /// its own tissue. An exact ball around a point keeps the point's singularity out of the error.
     pub radius_mm: f64,
-    /// Time of activation.
+    /// Time at which the site is activated.
     pub time: Ms,
 }
 
@@ -106,7 +106,7 @@ pub enum EikonalError {
     /// No element has a conducting tag.
     #[error("eikonal: no element has one of the conducting tags {tags:?}")]
     NoTissue {
-        /// The conducting tags.
+        /// Tags that conduct.
         tags: Vec<i32>,
     },
     /// A conducting element has no fibre direction.

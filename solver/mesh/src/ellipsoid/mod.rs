@@ -94,7 +94,7 @@ pub enum EllipsoidError {
     },
 }
 
-/// A generated ellipsoid.
+/// A generated ellipsoid with the lengths that give the requested volumes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ellipsoid {
     /// The mesh, without fibre frames.

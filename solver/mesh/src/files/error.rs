@@ -29,9 +29,9 @@ pub enum MeshFileError {
         file: PathBuf,
         /// Number of the line, from 1.
         line: usize,
-        /// Content found.
+        /// Content of the line, shortened.
         found: String,
-        /// Content expected.
+        /// Description of a valid line.
         expected: String,
     },
     /// An element or triangle refers to a node that does not exist.
@@ -51,9 +51,9 @@ pub enum MeshFileError {
     Content {
         /// Path of the file.
         file: PathBuf,
-        /// Content found.
+        /// Description of the file's content.
         found: String,
-        /// Content expected.
+        /// Description of valid content.
         expected: String,
     },
 }

@@ -8,16 +8,16 @@ use crate::vec3::{Vec3, scale};
 pub enum LengthUnit {
     /// Micrometre, the unit of CARP files.
     Micrometre,
-    /// Millimetre.
+    /// Millimetre, the unit of the program's own meshes.
     Millimetre,
-    /// Centimetre.
+    /// Centimetre, in which a heart measures about ten.
     Centimetre,
-    /// Metre.
+    /// Metre, the SI unit.
     Metre,
 }
 
 impl LengthUnit {
-    /// All units.
+    /// All units, from the smallest to the largest.
     pub const ALL: [Self; 4] = [
         Self::Micrometre,
         Self::Millimetre,

@@ -96,7 +96,7 @@ pub enum RepairError {
     /// A surface to be renamed does not exist.
     #[error("unknown surface {name:?}, expected one of {found:?}")]
     NoSurface {
-        /// Requested name.
+        /// Name of the surface to be renamed.
         name: String,
         /// Names of the mesh's surfaces.
         found: Vec<String>,
@@ -107,9 +107,9 @@ pub enum RepairError {
     /// The septum cannot be marked.
     #[error("no septum at ({:.1}, {:.1}, {:.1}) mm: {why}", at_mm[0], at_mm[1], at_mm[2])]
     Septum {
-        /// Given point \[mm\].
+        /// Point that was given to mark the septum \[mm\].
         at_mm: Vec3,
-        /// Reason in words.
+        /// Reason why the septum cannot be marked there.
         why: &'static str,
     },
 }

@@ -54,7 +54,7 @@ impl Field {
 /// A mesh with the fields of its file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Grid {
-    /// The mesh.
+    /// Nodes, tetrahedra, tags, directions and surfaces.
     pub mesh: crate::tet_mesh::TetMesh,
     /// Numeric fields at nodes.
     pub point_fields: Vec<Field>,

@@ -10,9 +10,9 @@ use std::path::Path;
 pub struct Content<'a> {
     /// Whether to write the mesh's surfaces, as triangles after the tetrahedra.
     pub surfaces: bool,
-    /// Fields at nodes.
+    /// Numeric fields at nodes.
     pub point_fields: &'a [Field],
-    /// Fields at elements.
+    /// Numeric fields at elements.
     pub cell_fields: &'a [Field],
     /// Whether to write fields and points as 32-bit numbers, in half the space. This suits series
     /// for viewing, not for computation.
