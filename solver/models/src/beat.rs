@@ -11,15 +11,15 @@ use std::ops::ControlFlow;
 /// Change of pressure below which filling is slow \[mmHg/ms\].
 const SLOW_MMHG_PER_MS: f64 = 0.1;
 
-/// How many beats to run.
+/// Number of beats of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Beats {
-    /// This many.
+    /// A fixed number of beats.
     Exactly(usize),
     /// Until volume and arterial pressure return at the beat's start.
     UntilPeriodic {
-        /// Beats after which to stop anyway.
+        /// Number of beats after which the run ends in any case.
         limit: usize,
         /// Largest change of the volume from beat to beat.
         volume: Ml,
@@ -31,9 +31,9 @@ pub enum Beats {
 /// Settings of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BeatSettings {
-    /// Cycle length.
+    /// Cycle length, after which every node is activated again.
     pub cycle_length: Ms,
-    /// Number of beats.
+    /// Number of beats, or the condition that ends the run.
     pub beats: Beats,
     /// Time step and output interval.
     pub step: Ms,
@@ -66,13 +66,13 @@ impl BeatSettings {
 pub struct BeatTraces {
     /// Time in the beat \[ms\].
     pub time_ms: Vec<f64>,
-    /// Cavity pressure \[mmHg\].
+    /// Pressure in the left ventricle \[mmHg\].
     pub pressure_mmhg: Vec<f64>,
-    /// Cavity volume \[mL\].
+    /// Volume of the left ventricle's cavity \[mL\].
     pub volume_ml: Vec<f64>,
-    /// Aortic pressure \[mmHg\].
+    /// Pressure at the aortic root, behind the valve \[mmHg\].
     pub aortic_pressure_mmhg: Vec<f64>,
-    /// Left-atrial pressure \[mmHg\].
+    /// Pressure in the left atrium \[mmHg\].
     pub left_atrial_pressure_mmhg: Vec<f64>,
     /// Flow through the aortic valve \[mL/s\], positive out of the ventricle.
     pub aortic_flow_ml_per_s: Vec<f64>,
@@ -84,20 +84,20 @@ pub struct BeatTraces {
     pub aortic_open: Vec<bool>,
     /// Whether the mitral valve is open.
     pub mitral_open: Vec<bool>,
-    /// Nodal traces, where asked for.
+    /// Traces of every node; `None` unless the settings ask for them.
     pub nodes: Option<NodalTraces>,
 }
 
 /// Traces of every node, time after time: value `k` of node `i` is at `k · n_nodes + i`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct NodalTraces {
-    /// Number of nodes.
+    /// Number of nodes: groups of the reduced ventricle, or nodes of the mesh.
     pub n_nodes: usize,
     /// Activation time of each node \[ms\].
     pub activation_ms: Vec<f64>,
     /// Weight of each node; they sum to one.
     pub weights: Vec<f64>,
-    /// Active stress \[kPa\].
+    /// Active stress along the fibre \[kPa\].
     pub sa_kpa: Vec<f64>,
     /// Calcium \[µM\], zero where the model has none.
     pub ca_um: Vec<f64>,
@@ -108,13 +108,13 @@ pub struct NodalTraces {
 /// A named condition of success with its value (SPEC section 5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BeatCheck {
-    /// What is checked.
+    /// Name of the condition.
     pub name: String,
-    /// Whether it holds.
+    /// Whether the condition holds.
     pub passed: bool,
-    /// The value that was compared.
+    /// Value that was compared.
     pub value: f64,
-    /// What it was compared with, in words.
+    /// Range of values that meet the condition, in words.
     pub expected: String,
 }
 
@@ -136,7 +136,7 @@ impl BeatCheck {
 pub struct BeatResult {
     /// Traces of the last beat.
     pub traces: BeatTraces,
-    /// Beats run.
+    /// Number of beats that were run.
     pub n_beats: usize,
     /// Change of the volume at the beat's start over the last beat \[mL\].
     pub volume_change_ml: f64,
@@ -144,20 +144,20 @@ pub struct BeatResult {
     pub pressure_change_mmhg: f64,
     /// Whether the run is periodic to the settings' tolerance; `None` when a number of beats was asked for.
     pub periodic: Option<bool>,
-    /// Conditions of success.
+    /// Conditions of success with their values.
     pub checks: Vec<BeatCheck>,
-    /// Work done.
+    /// Numbers of steps and iterations.
     pub work: BeatWork,
 }
 
-/// What a run cost.
+/// Work of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct BeatWork {
-    /// Committed steps.
+    /// Number of committed steps.
     pub n_steps: usize,
-    /// Steps that failed and were cut.
+    /// Number of steps that failed and were cut.
     pub n_cut: usize,
-    /// Newton iterations of the committed steps.
+    /// Number of Newton iterations in the committed steps.
     pub n_iterations: usize,
 }
 
@@ -172,28 +172,28 @@ impl BeatResult {
 /// The state from which a run could be taken up again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunState {
-    /// Ventricle.
+    /// State of the ventricle's wall, cavity and cells.
     pub ventricle: VentricleSnapshot,
-    /// Circulation.
+    /// Pressures and states of the circulation.
     pub circulation: CirculationState,
 }
 
-/// How a run ended. Divergence is an ending with data, not an error.
+/// Ending of a run. Divergence is an ending with data, not an error.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BeatOutcome {
-    /// The cycle's end was reached; whether that is a success the checks tell.
+    /// The end of the last cycle was reached; the checks tell whether the run is a success.
     Finished(Box<BeatResult>),
     /// No step could be taken from `last_good`, not even the shortest.
     Diverged {
         /// Time of the last good state, from the start of the run.
         t: Ms,
-        /// That state.
+        /// Last good state, from which no step could be taken.
         last_good: Box<RunState>,
-        /// Why the shortest step failed.
+        /// Failure of the shortest step.
         reason: VentricleError,
-        /// Traces of the beat up to there.
+        /// Traces of the beat up to the last good state.
         traces: Box<BeatTraces>,
-        /// Work done.
+        /// Numbers of steps and iterations.
         work: BeatWork,
     },
 }
@@ -362,7 +362,8 @@ fn fill_in(trace: &mut Vec<f64>, width: usize, shares: &[f64]) {
     trace.extend(last);
 }
 
-/// Where a run stands between two output intervals: with the states of ventricle and circulation, all that it needs to go on.
+/// Position of a run between two output intervals. With the states of ventricle and circulation, it
+/// is all that the run needs to go on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunProgress {
     /// Number of the beat, from one.
@@ -379,20 +380,21 @@ pub struct RunProgress {
     pub start_circulation: CirculationState,
     /// Volume that had come in before the beat's start \[mL\].
     pub start_volume_in_ml: f64,
-    /// Work so far.
+    /// Numbers of steps and iterations so far.
     pub work: BeatWork,
     /// Traces of the beat so far.
     pub traces: BeatTraces,
 }
 
-/// What an observer of a run sees after every output interval, of several that one step took after the last.
+/// State of a run that its observer sees after an output interval, the last one of those that a
+/// step covers.
 #[derive(Debug)]
 pub struct Observed<'a, V: ?Sized> {
-    /// Where the run stands.
+    /// Position of the run.
     pub progress: &'a RunProgress,
-    /// Ventricle; only what does not change its committed state may be done with it.
+    /// Ventricle, whose committed state the observer must not change.
     pub ventricle: &'a mut V,
-    /// Circulation.
+    /// Circulation with its committed pressures and flows.
     pub circulation: &'a Circulation,
 }
 

@@ -17,29 +17,31 @@ pub struct MedianTraces {
     pub sa_kpa: Vec<f64>,
     /// Median calcium \[µM\]; zero where the contraction model has none.
     pub ca_um: Vec<f64>,
-    /// Median fibre stretch.
+    /// Median fibre stretch, dimensionless.
     pub lambda: Vec<f64>,
 }
 
 /// Shares of the wall below the values of a [`NodalSpread`].
 pub const LEVELS: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
 
-/// How the nodes' traces spread: at each time since activation the values below which the shares [`LEVELS`] of the wall lie.
+/// Spread of the nodes' traces: at each time since activation, the values below which the shares
+/// [`LEVELS`] of the wall lie.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct NodalSpread {
     /// Time since activation \[ms\].
     pub time_ms: Vec<f64>,
-    /// Active stress \[kPa\].
+    /// Levels of the active stress \[kPa\].
     pub sa_kpa: Vec<[f64; 5]>,
-    /// Calcium \[µM\]; zero where the contraction model has none.
+    /// Levels of calcium \[µM\]; zero where the contraction model has none.
     pub ca_um: Vec<[f64; 5]>,
-    /// Fibre stretch.
+    /// Levels of the fibre stretch, dimensionless.
     pub lambda: Vec<[f64; 5]>,
 }
 
 impl NodalSpread {
-    /// Of a beat's nodal traces, each node with its weight; between samples the nodes' traces are linear. `None` when the
-    /// beat has no nodal traces, or a node is activated after the beat's end.
+    /// Spread of a beat's nodal traces, each node with its weight; between samples the nodes'
+    /// traces are linear. `None` when the beat has no nodal traces, or a node is activated after
+    /// the beat's end.
     #[must_use]
     pub fn of(beat: &BeatTraces) -> Option<Self> {
         let nodes = beat.nodes.as_ref()?;
@@ -55,7 +57,7 @@ impl NodalSpread {
         growing.finish()
     }
 
-    /// The medians alone.
+    /// Medians without the other levels.
     #[must_use]
     pub fn median(&self) -> MedianTraces {
         let middle = |values: &[[f64; 5]]| values.iter().map(|v| v[2]).collect();

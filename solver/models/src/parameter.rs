@@ -15,13 +15,13 @@ pub struct Parameter {
 /// Values that a model's equations admit for a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Domain {
-    /// Above zero.
+    /// A finite number above zero.
     Positive,
-    /// Zero or more.
+    /// A finite number of zero or more.
     NotNegative,
     /// Between 0 and 1, both excluded.
     Fraction,
-    /// Any finite number.
+    /// Any finite number, of either sign.
     Finite,
 }
 

@@ -32,9 +32,9 @@ pub enum CalciumError {
     /// A concentration is not positive or not finite.
     #[error("calcium must be positive, but Ca_res is {ca_res_um} uM and Ca_max is {ca_max_um} uM")]
     Concentrations {
-        /// Resting concentration \[µM\].
+        /// Calcium at rest, Ca_res \[µM\].
         ca_res_um: f64,
-        /// Peak concentration \[µM\].
+        /// Calcium at the peak, Ca_max \[µM\].
         ca_max_um: f64,
     },
     /// A sampled transient is too short or has a sample that is not positive.

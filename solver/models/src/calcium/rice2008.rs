@@ -79,7 +79,7 @@ impl Rice2008Shape {
         }
     }
 
-    /// Value and slope.
+    /// Value at a time \[ms\] since activation, and its slope \[1/ms\].
     #[inline]
     fn value_and_slope(&self, s: f64) -> (f64, f64) {
         let envelope = self.scale * (-self.slow_per_ms * s).exp();

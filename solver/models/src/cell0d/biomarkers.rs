@@ -13,23 +13,23 @@ use serde::{Deserialize, Serialize};
 /// the beat does not contain) and flagged in `open_levels`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ActiveStressBiomarkers {
-    /// Largest stress \[kPa\].
+    /// Largest active stress of the beat \[kPa\].
     pub sa_max_kpa: f64,
-    /// Its time t11 \[ms\].
+    /// Time t11 of the largest stress \[ms\].
     pub t_sa_max_ms: f64,
-    /// Largest rate before it \[kPa/ms\].
+    /// Largest rate of the stress before the maximum \[kPa/ms\].
     pub dsadt_max_kpa_per_ms: f64,
     /// Time above 70 % of the maximum around it \[ms\].
     pub std30_ms: f64,
-    /// Time above 50 % \[ms\].
+    /// Time above 50 % of the maximum around it \[ms\].
     pub std50_ms: f64,
-    /// Time above 10 % \[ms\].
+    /// Time above 10 % of the maximum around it \[ms\].
     pub std90_ms: f64,
-    /// Smallest fibre stretch.
+    /// Smallest fibre stretch of the beat, dimensionless.
     pub lambda_min: f64,
     /// Stress at the start of the beat \[kPa\].
     pub sa_res_kpa: f64,
-    /// Which of STD30, STD50, STD90 are open: a level was not crossed within the beat.
+    /// Whether STD30, STD50 and STD90 are open: a level was not crossed within the beat.
     pub open_levels: [bool; 3],
 }
 

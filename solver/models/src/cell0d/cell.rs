@@ -18,18 +18,18 @@ pub enum CalciumInput {
     Sampled(Arc<SampledCalcium>),
 }
 
-/// Everything that defines one 0D cell beat.
+/// All parameters of one 0D cell beat.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellParameters {
-    /// Active stress.
+    /// Parameters of the active stress.
     pub land: Land2017Parameters,
-    /// Passive stress.
+    /// Parameters of the passive stress.
     pub passive: LandPassiveParameters,
-    /// Calcium.
+    /// Calcium transient that drives the cell.
     pub calcium: CalciumInput,
-    /// Cycle length \[ms\].
+    /// Cycle length at which the cell is paced \[ms\].
     pub cycle_length_ms: f64,
-    /// Initial stretch λ0.
+    /// Initial stretch λ0, to which the passive strain is relative.
     pub lambda0: f64,
 }
 
@@ -85,9 +85,9 @@ impl Default for CellSolverSettings {
 pub struct CellState {
     /// States of Land 2017, order as [`crate::contraction::land2017::STATES`].
     pub land: [f64; 6],
-    /// Dashpot strain C_V.
+    /// Strain C_V of the passive dashpot.
     pub c_v: f64,
-    /// Fibre stretch λ.
+    /// Fibre stretch λ, dimensionless.
     pub lambda: f64,
 }
 
@@ -95,38 +95,38 @@ pub struct CellState {
 /// lies at the cycle length, closer than 1 ms to its neighbour where that is no integer).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CellBeat {
-    /// Sample times \[ms\].
+    /// Times of the samples \[ms\].
     pub time_ms: Vec<f64>,
-    /// Active stress \[kPa\].
+    /// Active stress at each time \[kPa\].
     pub sa_kpa: Vec<f64>,
-    /// Calcium \[µM\].
+    /// Calcium at each time \[µM\].
     pub ca_um: Vec<f64>,
-    /// Fibre stretch.
+    /// Fibre stretch at each time, dimensionless.
     pub lambda: Vec<f64>,
     /// State at the start of the beat.
     pub start_state: CellState,
-    /// State at its end, equal to the start up to `remaining_change`.
+    /// State at the end of the beat, equal to the start up to `remaining_change`.
     pub end_state: CellState,
-    /// Beats that were run, the recorded one included.
+    /// Number of beats that were run, the recorded one included.
     pub beats_to_periodic: usize,
     /// Largest change of any state that further beats would still bring, from the change over the recorded beat and the
     /// observed contraction of the changes.
     pub remaining_change: f64,
-    /// Accepted steps of the recorded beat.
+    /// Number of accepted steps in the recorded beat.
     pub n_steps: usize,
-    /// Their lengths \[ms\], kept to repeat them in the next beat.
+    /// Lengths of these steps \[ms\], kept to repeat them in the next beat.
     pub(super) steps_ms: Vec<f64>,
 }
 
-/// Why a cell beat could not be computed.
+/// Reasons why a cell beat could not be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CellError {
     /// A parameter of the cell is outside its range.
     #[error("parameter {name} = {value} must be positive and finite")]
     Parameter {
-        /// Name as in the paper.
+        /// Name of the parameter as in the paper.
         name: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
     },
     /// The contraction model refused its parameters or a state.
@@ -138,9 +138,9 @@ pub enum CellError {
     /// The force balance has no root where it must have one.
     #[error("no {what} found")]
     Balance {
-        /// Which search failed.
+        /// Root that was sought.
         what: &'static str,
-        /// Why.
+        /// Failure of the root search.
         source: RootError,
     },
     /// The step length fell to nothing, or the steps ran out.
@@ -150,17 +150,17 @@ pub enum CellError {
     Stuck {
         /// Time in the beat \[ms\].
         t_ms: f64,
-        /// Beat, from 1.
+        /// Number of the beat, from 1.
         beat: usize,
-        /// Steps tried in this beat.
+        /// Number of steps tried in this beat.
         n_steps: usize,
-        /// Last step length \[ms\].
+        /// Length of the last step \[ms\].
         step_ms: f64,
     },
     /// The beats did not become periodic.
     #[error("not periodic after {beats} beats: the state still changes by {change} per beat")]
     NotPeriodic {
-        /// Beats run.
+        /// Number of beats that were run.
         beats: usize,
         /// Largest change of a state over the last beat.
         change: f64,
@@ -214,13 +214,13 @@ impl Cell0d {
         })
     }
 
-    /// Cycle length.
+    /// Cycle length at which the cell is paced.
     #[must_use]
     pub fn cycle_length(&self) -> Ms {
         Ms(self.cycle_length_ms)
     }
 
-    /// The calcium transient.
+    /// Calcium transient that drives the cell.
     #[must_use]
     pub fn calcium(&self) -> &dyn Calcium {
         match &self.calcium {
@@ -229,7 +229,7 @@ impl Cell0d {
         }
     }
 
-    /// The calcium transient, to be shared with an organ.
+    /// The same transient, to be shared with an organ.
     #[must_use]
     pub fn shared_calcium(&self) -> Arc<dyn Calcium> {
         match &self.calcium {
@@ -238,7 +238,7 @@ impl Cell0d {
         }
     }
 
-    /// Rice's transient, where that is the input.
+    /// Rice's transient; `None` for a sampled one.
     #[must_use]
     pub fn rice(&self) -> Option<&Rice2008> {
         match &self.calcium {
@@ -247,7 +247,7 @@ impl Cell0d {
         }
     }
 
-    /// The contraction model.
+    /// Model of the active stress.
     #[must_use]
     pub fn land(&self) -> &Land2017 {
         &self.land

@@ -9,17 +9,17 @@ pub use cardiotwin_vocabulary::biomarkers::CellBiomarkers as CellTargets;
 /// Weights of the cost's terms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CellWeights {
-    /// Of Sa_max.
+    /// Weight of the largest active stress Sa_max.
     pub sa_max: f64,
-    /// Of dSadt_max.
+    /// Weight of the largest stress rate dSadt_max.
     pub dsadt_max: f64,
-    /// Of STD30.
+    /// Weight of the duration STD30.
     pub std30: f64,
-    /// Of STD50.
+    /// Weight of the duration STD50.
     pub std50: f64,
-    /// Of STD90.
+    /// Weight of the duration STD90.
     pub std90: f64,
-    /// Of λ_min.
+    /// Weight of the smallest stretch λ_min.
     pub lambda_min: f64,
 }
 
@@ -40,17 +40,17 @@ impl Default for CellWeights {
 /// Weighted terms of the cost.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CellCost {
-    /// Term of Sa_max.
+    /// Term of the largest active stress Sa_max.
     pub sa_max: f64,
-    /// Term of dSadt_max.
+    /// Term of the largest stress rate dSadt_max.
     pub dsadt_max: f64,
-    /// Term of STD30.
+    /// Term of the duration STD30.
     pub std30: f64,
-    /// Term of STD50.
+    /// Term of the duration STD50.
     pub std50: f64,
-    /// Term of STD90.
+    /// Term of the duration STD90.
     pub std90: f64,
-    /// Term of λ_min.
+    /// Term of the smallest stretch λ_min.
     pub lambda_min: f64,
 }
 

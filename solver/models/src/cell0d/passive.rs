@@ -6,9 +6,9 @@ use cardiotwin_vector_math::Number;
 parameters! {
     /// Parameters of the passive element with the paper's names (Jung 2022, Table A3).
     pub struct LandPassiveParameters {
-        /// Stiffness a_p \[kPa\].
+        /// Stiffness a_p of the parallel spring \[kPa\].
         a_p_kpa: "a_p", "a_p_kPa", Positive;
-        /// Exponent b.
+        /// Exponent b of the parallel spring.
         b: "b", "b", Positive;
         /// Stiffness of the series spring relative to a_p, k.
         k: "k", "k", Positive;
@@ -35,15 +35,15 @@ pub struct PassiveStress<T = f64> {
 /// The passive element with its derived constants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LandPassive {
-    /// Stiffness a_p \[kPa\].
+    /// Stiffness a_p of the parallel spring \[kPa\].
     pub a_p_kpa: f64,
-    /// Exponent b.
+    /// Exponent b of the parallel spring.
     pub b: f64,
     /// Stiffness of the series spring relative to a_p, k.
     pub k: f64,
-    /// k/η_l \[1/ms\], on lengthening.
+    /// Rate k/η_l of the dashpot strain on lengthening \[1/ms\].
     pub rate_l_per_ms: f64,
-    /// k/η_s \[1/ms\], on shortening.
+    /// Rate k/η_s of the dashpot strain on shortening \[1/ms\].
     pub rate_s_per_ms: f64,
 }
 

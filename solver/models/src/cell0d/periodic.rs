@@ -24,7 +24,7 @@ pub(super) fn to_state(land: &Land2017, y: &Vector) -> CellState {
     }
 }
 
-/// See [`Cell0d::solve_periodic_into`].
+/// Runs beats as [`Cell0d::solve_periodic_into`] describes.
 pub(super) fn solve(
     cell: &Cell0d,
     settings: &CellSolverSettings,

@@ -13,7 +13,7 @@ pub(crate) const N: usize = 8;
 /// Position of the stretch, the algebraic unknown.
 pub(crate) const LAMBDA: usize = 7;
 
-/// One unknown vector.
+/// Values of all unknowns: the states, then the stretch.
 pub(crate) type Vector = [f64; N];
 
 /// The cell's equations `M y' = f(t, y)`, M the identity but for a zero in the last place.

@@ -5,7 +5,7 @@
 //! `(M/(hγ) − J) u_i = f(t + c_i h, y + Σ a_ij u_j) + M Σ (c_ij/h) u_j + d_i h f_t`. Stage 6 takes the arguments of stage 5 plus u_5, and the new state those of stage 6 plus u_6; u_6 is the
 //! error estimate. The order of convergence of the engine's lanes tests the coefficients of the stages.
 
-/// γ.
+/// Diagonal coefficient γ of all stages.
 pub const GAMMA: f64 = 0.25;
 /// Abscissae of stages 1 to 4; stages 5 and 6 stand at the end of the step. The fourth is three times the third.
 pub const TIMES: [f64; 4] = [0.0, 0.386, 0.21, 0.63];

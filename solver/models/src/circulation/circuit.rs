@@ -38,7 +38,7 @@ pub struct CirculationState {
     pub time_ms: f64,
     /// States of the components, one compartment after another.
     pub states: Vec<f64>,
-    /// Compartment pressures \[mmHg\].
+    /// Pressure of each compartment \[mmHg\].
     pub pressures_mmhg: Vec<f64>,
     /// Flow of each path \[mL/s\], positive in its direction.
     pub flows_ml_per_s: Vec<f64>,
@@ -401,7 +401,7 @@ impl Circulation {
             .copy_from_slice(&self.now.pressures_mmhg);
     }
 
-    /// All committed states.
+    /// Copy of all committed states.
     #[must_use]
     pub fn snapshot(&self) -> CirculationState {
         self.now.clone()

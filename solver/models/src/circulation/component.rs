@@ -14,7 +14,7 @@ pub trait Compartment: std::fmt::Debug + Send + Sync {
     /// Name in outputs and messages.
     fn name(&self) -> &'static str;
 
-    /// Number of states.
+    /// Number of states of the compartment's own equations.
     fn n_states(&self) -> usize;
 
     /// Writes the initial state to `state`.
@@ -65,9 +65,9 @@ pub enum CirculationError {
         component: &'static str,
         /// Name of the parameter.
         name: &'static str,
-        /// Value found.
+        /// Value of the parameter.
         value: f64,
-        /// Allowed range.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
     /// The pressure of a compartment could not be found.
@@ -81,7 +81,7 @@ pub enum CirculationError {
         cavity_mmhg: f64,
         /// Time at the end of the step \[ms\].
         t_ms: f64,
-        /// Step length \[ms\].
+        /// Length of the step \[ms\].
         dt_ms: f64,
     },
     /// A snapshot belongs to another circulation.

@@ -21,7 +21,7 @@ const LONG_TAU_MS: f64 = 5000.0;
 /// An estimate in place of a measured value.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimated<T> {
-    /// Estimated value.
+    /// Value that takes the place of a measured one.
     pub value: T,
     /// Derivation, as a sentence for tables and reports.
     pub how: String,
@@ -35,7 +35,7 @@ pub enum EstimateError {
         "the volume trace of {n_samples} samples has no ejection (largest minus smallest volume {stroke_volume_ml} mL)"
     )]
     NoEjection {
-        /// Number of samples.
+        /// Number of samples in the trace.
         n_samples: usize,
         /// Largest minus smallest volume \[mL\].
         stroke_volume_ml: f64,
@@ -46,17 +46,17 @@ pub enum EstimateError {
          systolic one"
     )]
     Cuff {
-        /// Systolic pressure \[mmHg\].
+        /// Systolic pressure of the cuff \[mmHg\].
         systolic_mmhg: f64,
-        /// Diastolic pressure \[mmHg\].
+        /// Diastolic pressure of the cuff \[mmHg\].
         diastolic_mmhg: f64,
     },
     /// No load gives these pressures with this flow.
     #[error("no Windkessel gives {systolic_mmhg}/{diastolic_mmhg} mmHg with this flow")]
     NoLoad {
-        /// Systolic pressure \[mmHg\].
+        /// Systolic pressure of the cuff \[mmHg\].
         systolic_mmhg: f64,
-        /// Diastolic pressure \[mmHg\].
+        /// Diastolic pressure of the cuff \[mmHg\].
         diastolic_mmhg: f64,
         /// Failure of the root search.
         source: RootError,
@@ -64,7 +64,7 @@ pub enum EstimateError {
     /// The end-diastolic pressure is not positive.
     #[error("end-diastolic pressure {edp_mmhg} mmHg is not positive")]
     EndDiastolicPressure {
-        /// End-diastolic pressure \[mmHg\].
+        /// End-diastolic pressure that was given \[mmHg\].
         edp_mmhg: f64,
     },
 }

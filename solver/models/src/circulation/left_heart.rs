@@ -30,7 +30,7 @@ pub enum StartPressure {
 /// Parameters of the base model's circulation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LeftHeart {
-    /// Constant left-atrial pressure.
+    /// Pressure of the left atrium, constant over the cycle.
     pub left_atrial_pressure: Mmhg,
     /// Forward resistance of the mitral valve.
     pub mitral_forward: MmhgSPerMl,
@@ -40,11 +40,11 @@ pub struct LeftHeart {
     pub aortic_forward: MmhgSPerMl,
     /// Backward resistance of the aortic valve.
     pub aortic_backward: MmhgSPerMl,
-    /// Arterial load.
+    /// Three-element Windkessel behind the aortic valve.
     pub windkessel: WindkesselParameters,
     /// Initial pressure of the arterial load.
     pub start: StartPressure,
-    /// Cycle length.
+    /// Cycle length, the period of the beat.
     pub cycle_length: Ms,
 }
 

@@ -7,13 +7,13 @@ use cardiotwin_vocabulary::circulation::WindkesselParameters;
 /// Junction between the proximal and the distal part of the arteries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArterialJunction {
-    /// Inertance L \[mmHg·s²/mL\].
+    /// Inertance L of the blood between the two parts \[mmHg·s²/mL\].
     pub inertance: f64,
     /// Proximal share f of the compliance, between 0 and 1.
     pub proximal_share: f64,
-    /// Linear resistance R_l \[mmHg·s/mL\].
+    /// Linear resistance R_l of the junction \[mmHg·s/mL\].
     pub resistance: f64,
-    /// Quadratic loss K \[mmHg·s²/mL²\].
+    /// Quadratic loss K of the junction \[mmHg·s²/mL²\].
     pub loss: f64,
 }
 

@@ -6,14 +6,13 @@ use cardiotwin_units::{Mmhg, Ms};
 pub use cardiotwin_vocabulary::circulation::WindkesselParameters;
 
 /// Three-element Windkessel, integrated exactly for a flow that is constant over a step. Its state
-/// is Pc
-/// [mmHg\].
+/// is Pc \[mmHg\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Windkessel3 {
     name: &'static str,
     r1: f64,
     r2: f64,
-    /// R2 C \[ms\].
+    /// Time constant R2 C \[ms\].
     tau_ms: f64,
     start_mmhg: f64,
     /// Length of the last prepared step, and `1 − e^{−dt/τ}` for it.

@@ -12,9 +12,9 @@ pub struct ContractionModel {
     pub name: &'static str,
     /// Meaning, in one sentence.
     pub meaning: &'static str,
-    /// Equation as computed.
+    /// Equation in the form in which it is computed.
     pub equation: &'static str,
-    /// Literature source.
+    /// Publication from which the model is taken.
     pub source: &'static str,
     /// Parameters, in the order in which `build` takes their values.
     pub parameters: &'static [ModelParameter],

@@ -128,13 +128,13 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
     }
 }
 
-/// Why a contraction model refused its parameters or a step.
+/// Reasons why a contraction model refused its parameters or a step.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ContractionError {
     /// The catalogue has no model of this name.
     #[error("unknown contraction model `{found}`, expected one of {expected}")]
     UnknownModel {
-        /// Name given.
+        /// Name that was asked for.
         found: String,
         /// Names in the catalogue.
         expected: String,
@@ -144,7 +144,7 @@ pub enum ContractionError {
     UnknownParameter {
         /// Name of the model.
         model: &'static str,
-        /// Name given.
+        /// Name that was asked for.
         found: String,
         /// Names of the model's parameters.
         expected: String,
@@ -152,11 +152,11 @@ pub enum ContractionError {
     /// A parameter is outside what the equations allow.
     #[error("parameter {name} = {value} must be {expected}")]
     Parameter {
-        /// The parameter's name as in the paper.
+        /// Name of the parameter as in the paper.
         name: &'static str,
-        /// Its value.
+        /// Value of the parameter.
         value: f64,
-        /// What is allowed.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
     /// k_WU = k_UW (1/r_W − 1) − k_WS is negative: a rate that creates what it should consume.
@@ -164,19 +164,19 @@ pub enum ContractionError {
         "k_WU = {k_wu_per_ms} /ms is negative (k_UW = {k_uw_per_ms}, r_W = {r_w}, k_WS = {k_ws_per_ms})"
     )]
     NegativeKwu {
-        /// The derived rate \[1/ms\].
+        /// Rate k_WU from weakly bound to unbound \[1/ms\].
         k_wu_per_ms: f64,
-        /// k_UW \[1/ms\].
+        /// Rate k_UW from unbound to weakly bound \[1/ms\].
         k_uw_per_ms: f64,
-        /// r_W.
+        /// Steady ratio r_W of weakly bound bridges.
         r_w: f64,
-        /// k_WS \[1/ms\].
+        /// Rate k_WS from weakly to strongly bound \[1/ms\].
         k_ws_per_ms: f64,
     },
     /// The stretch is not a positive finite number.
     #[error("fibre stretch {lambda} is not positive")]
     Stretch {
-        /// The stretch given.
+        /// Stretch that was given.
         lambda: f64,
     },
     /// The calcium sensitivity Ca50 is not positive at this stretch.
@@ -184,7 +184,7 @@ pub enum ContractionError {
     Sensitivity {
         /// Ca50 at that stretch \[µM\].
         ca50_um: f64,
-        /// The stretch.
+        /// Fibre stretch at which the sensitivity is lost.
         lambda: f64,
     },
     /// The step ended in a state that is not finite.
@@ -194,7 +194,7 @@ pub enum ContractionError {
     NotFinite {
         /// Time since activation \[ms\].
         since_activation_ms: f64,
-        /// Fibre stretch.
+        /// Fibre stretch at the end of the step.
         lambda: f64,
     },
 }

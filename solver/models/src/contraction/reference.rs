@@ -6,9 +6,9 @@
 /// (de Tombe 2010, J Mol Cell Cardiol 48:851); it does not know end-diastole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StretchReference {
-    /// Its length at end-diastole, as in the paper: the stretch is one there.
+    /// Length at end-diastole, as in the paper: the stretch is one there.
     EndDiastole,
-    /// Its slack length.
+    /// Slack length of the sarcomere.
     Unloaded {
         /// Slack length over the length in the unloaded wall, dimensionless.
         slack: f64,

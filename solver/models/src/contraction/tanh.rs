@@ -254,7 +254,7 @@ impl Contraction for Tanh {
 
     fn rest(&self, _state: &mut [f64]) {}
 
-    /// φ(λ).
+    /// Factor φ of the length on the stress, and its slope.
     fn length_factor(&self, lambda: f64) -> (f64, f64) {
         self.length(lambda)
             .map_or((0.0, 0.0), |length| (length.phi, length.dphi))

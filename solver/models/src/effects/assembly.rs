@@ -35,7 +35,7 @@ pub struct BaseModel {
     pub passive: OneFibrePassive,
     /// Activation of the wall.
     pub activation: ActivationSpread,
-    /// Active stress.
+    /// Contraction model of all groups.
     pub contraction: GroupContraction,
 }
 

@@ -95,7 +95,7 @@ pub enum InThreeDimensions {
     },
     /// The effect cannot be transferred.
     Cannot {
-        /// Reason.
+        /// Reason, as the end of a sentence.
         why: &'static str,
     },
 }
@@ -103,7 +103,7 @@ pub enum InThreeDimensions {
 /// Parts of a one-fibre ventricle that an effect may change before it is built.
 #[derive(Debug)]
 pub struct OneFibreParts {
-    /// Passive law.
+    /// Passive fibre law and reference volumes.
     pub passive: OneFibrePassive,
     /// Activation times and weights of the groups.
     pub groups: ActivationGroups,
@@ -137,9 +137,9 @@ pub enum Action {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sign {
-    /// The trace rises.
+    /// The trace lies higher with the effect.
     Up,
-    /// The trace falls.
+    /// The trace lies lower with the effect.
     Down,
 }
 
@@ -147,13 +147,13 @@ pub enum Sign {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Phase {
-    /// Isovolumic contraction.
+    /// From the closing of the mitral valve to the opening of the aortic valve.
     IsovolumicContraction,
     /// First half of ejection.
     EarlyEjection,
     /// Second half of ejection.
     LateEjection,
-    /// Isovolumic relaxation.
+    /// From the closing of the aortic valve to the opening of the mitral valve.
     IsovolumicRelaxation,
     /// First third of filling.
     RapidFilling,
@@ -167,13 +167,13 @@ pub enum Phase {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Signal {
-    /// Cavity pressure.
+    /// Pressure in the cavity.
     Pressure,
-    /// Rate of cavity pressure.
+    /// Rate of the cavity's pressure.
     PressureRate,
-    /// Cavity volume.
+    /// Volume of the cavity.
     Volume,
-    /// Rate of cavity volume.
+    /// Rate of the cavity's volume.
     VolumeRate,
 }
 
@@ -183,7 +183,7 @@ pub enum Signal {
 pub struct Mark {
     /// Phase of the difference.
     pub phase: Phase,
-    /// Signal that differs.
+    /// Signal that differs in the phase.
     pub signal: Signal,
     /// Direction of the difference, on average over the phase.
     pub sign: Sign,
@@ -198,9 +198,9 @@ pub struct Effect {
     pub kind: Kind,
     /// Meaning, in one sentence.
     pub meaning: &'static str,
-    /// Equation as computed.
+    /// Equation in the form in which it is computed.
     pub equation: &'static str,
-    /// Literature source.
+    /// Publication from which the effect is taken.
     pub source: &'static str,
     /// Parameters, the strength first.
     pub parameters: &'static [Parameter],

@@ -6,11 +6,11 @@ use serde::Serialize;
 /// and sample `n` would equal sample `0`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct PeriodicTraces {
-    /// Cycle length \[ms\].
+    /// Cycle length T, the period of the traces \[ms\].
     pub cycle_length_ms: f64,
-    /// Cavity pressure \[mmHg\].
+    /// Pressure in the cavity \[mmHg\].
     pub pressure_mmhg: Vec<f64>,
-    /// Cavity volume \[mL\].
+    /// Volume of the cavity \[mL\].
     pub volume_ml: Vec<f64>,
 }
 

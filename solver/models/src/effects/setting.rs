@@ -71,7 +71,7 @@ impl EffectSetting {
         self.effect.is_off(&self.values)
     }
 
-    /// Parameters by name.
+    /// Values of the parameters by name, in the units of the declaration.
     #[must_use]
     pub fn parameters(&self) -> BTreeMap<String, f64> {
         self.effect
@@ -117,7 +117,7 @@ pub enum EffectError {
     /// The catalogue has no effect of this name.
     #[error("unknown effect `{found}`, expected one of {expected}")]
     Unknown {
-        /// Name requested.
+        /// Name that was asked for.
         found: String,
         /// Names in the catalogue.
         expected: String,
@@ -127,7 +127,7 @@ pub enum EffectError {
     UnknownParameter {
         /// Name of the effect.
         effect: &'static str,
-        /// Name requested.
+        /// Name that was asked for.
         found: String,
         /// Names of its parameters.
         expected: String,
@@ -145,9 +145,9 @@ pub enum EffectError {
     Count {
         /// Name of the effect.
         effect: &'static str,
-        /// Number of values.
+        /// Number of values that were given.
         found: usize,
-        /// Number of parameters.
+        /// Number of parameters of the effect.
         expected: usize,
     },
     /// A value is outside its range.
@@ -157,11 +157,11 @@ pub enum EffectError {
         effect: &'static str,
         /// Name of the parameter.
         parameter: &'static str,
-        /// Value found.
+        /// Value that was given, in the parameter's unit.
         value: f64,
-        /// Smallest value.
+        /// Smallest admissible value.
         low: f64,
-        /// Largest value.
+        /// Largest admissible value.
         high: f64,
     },
     /// The list contains an effect twice.
@@ -183,7 +183,7 @@ pub enum EffectError {
     Artefact {
         /// Name of the effect.
         effect: &'static str,
-        /// Remedy.
+        /// Correction of the data that replaces the effect.
         remedy: &'static str,
     },
     /// The effect cannot be transferred to a finite-element ventricle.
@@ -191,7 +191,7 @@ pub enum EffectError {
     NotInThreeDimensions {
         /// Name of the effect.
         effect: &'static str,
-        /// Reason.
+        /// Reason, as the end of a sentence.
         why: &'static str,
     },
     /// The corrections of the data contain an effect of the heart.

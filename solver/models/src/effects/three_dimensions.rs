@@ -29,7 +29,7 @@ pub struct FibreViscosity {
 pub struct InThreeDimensionsParts {
     /// Circulation in its initial state.
     pub circulation: Circulation,
-    /// Active stress.
+    /// Contraction model of all points.
     pub contraction: GroupContraction,
     /// Additional terms of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,

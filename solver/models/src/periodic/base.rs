@@ -12,13 +12,13 @@ use serde::Serialize;
 /// A parameter of the base model as a fit sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct BaseParameter {
-    /// Name with unit.
+    /// Name of the parameter, with its unit.
     pub name: &'static str,
     /// Unit, `1` for a pure number.
     pub unit: &'static str,
-    /// What it is.
+    /// Meaning of the parameter in a few words.
     pub meaning: &'static str,
-    /// Physiological bounds.
+    /// Smallest and largest physiological value.
     pub range: (f64, f64),
     /// Value for an average adult; starts of a fit are better taken from the data.
     pub typical: f64,
@@ -161,18 +161,18 @@ pub const BASE_PARAMETERS: [BaseParameter; 14] = [
     ),
 ];
 
-/// What of a patient is given and not fitted.
+/// Properties of a patient that are given and not fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FitSubject {
-    /// Cycle length.
+    /// Length of the patient's cardiac cycle.
     pub cycle_length: Ms,
-    /// Wall volume.
+    /// Volume of the left ventricle's wall.
     pub wall_volume: Ml,
     /// Exponent of the passive law.
     pub exponent: f64,
     /// Time from the first to the last activation.
     pub spread: Ms,
-    /// Activation groups.
+    /// Number of groups that are activated one after another.
     pub n_groups: usize,
     /// Tanh parameters that are not fitted.
     pub tanh: TanhParameters,

@@ -60,18 +60,18 @@ pub struct PeriodicBeat {
     pub forward_volume_ml: f64,
     /// Flow through the mitral valve \[mL/s\] at the same times, positive into the ventricle.
     pub mitral_flow_ml_per_s: Vec<f64>,
-    /// Where a later search begins.
+    /// Start of a later search, with its secants.
     pub orbit: Orbit,
     /// Largest change of a state over this beat.
     pub change: f64,
-    /// Whether that is within the tolerance.
+    /// Whether that change is within the tolerance.
     pub periodic: bool,
-    /// Beats run.
+    /// Number of beats that the search ran.
     pub n_beats: usize,
 }
 
 impl PeriodicBeat {
-    /// Traces as measured.
+    /// Traces with the model's artefacts of measurement.
     #[must_use]
     pub fn measured(&self, model: &Assembled) -> PeriodicTraces {
         let mut traces = self.heart.clone();

@@ -13,7 +13,7 @@ pub struct ActivationSpread {
     pub onset: Ms,
     /// Time from the first to the last activation.
     pub spread: Ms,
-    /// Number of groups.
+    /// Number of groups, each activated at one time.
     pub n_groups: usize,
 }
 

@@ -46,10 +46,10 @@ pub trait Ventricle {
     /// Time of the last committed step.
     fn time(&self) -> Ms;
 
-    /// Committed cavity volume.
+    /// Cavity volume at the end of the last committed step.
     fn volume(&self) -> Ml;
 
-    /// Committed cavity pressure.
+    /// Cavity pressure at the end of the last committed step.
     fn pressure(&self) -> Mmhg;
 
     /// Tries a step of `dt`. On success, ventricle and circulation hold the same pending trial. On
@@ -87,7 +87,7 @@ pub trait Ventricle {
     /// of its cell.
     fn stretch(&self, out: &mut [f64]);
 
-    /// All committed states.
+    /// Copy of all committed states.
     fn snapshot(&self) -> VentricleSnapshot;
 
     /// Restores a snapshot and drops any pending trial.
@@ -106,9 +106,9 @@ pub enum VentricleError {
     Parameter {
         /// Name of the parameter.
         name: &'static str,
-        /// Value found.
+        /// Value of the parameter.
         value: f64,
-        /// Allowed range.
+        /// Range of admissible values, in words.
         expected: &'static str,
     },
     /// No passive law fits these volumes and pressures.
@@ -116,7 +116,7 @@ pub enum VentricleError {
         "no passive law passes through V0 = {v0_ml} mL and ({volume_ml} mL, {pressure_mmhg} mmHg)"
     )]
     PassiveState {
-        /// Unloaded volume \[mL\].
+        /// Unloaded volume V0 \[mL\].
         v0_ml: f64,
         /// Volume of the loaded state \[mL\].
         volume_ml: f64,
@@ -131,7 +131,7 @@ pub enum VentricleError {
         /// Cause of the failure.
         source: ContractionError,
     },
-    /// The circulation failed.
+    /// The circulation has no solution for the step.
     #[error("the circulation failed")]
     Circulation(#[from] CirculationError),
     /// No cavity volume was found for the step.
@@ -143,7 +143,7 @@ pub enum VentricleError {
     NoVolume {
         /// Time at the end of the step \[ms\].
         t_ms: f64,
-        /// Step length \[ms\].
+        /// Length of the step \[ms\].
         dt_ms: f64,
         /// Volume at the start \[mL\].
         volume_ml: f64,
@@ -153,7 +153,7 @@ pub enum VentricleError {
         candidate_ml: f64,
         /// Residual of the last candidate \[mL\].
         residual_ml: f64,
-        /// Number of iterations.
+        /// Number of iterations that were made.
         iterations: usize,
     },
     /// The wall's equation of motion has no solution for the step.
@@ -161,7 +161,7 @@ pub enum VentricleError {
     NoMotion {
         /// Time at the end of the step \[ms\].
         t_ms: f64,
-        /// Step length \[ms\].
+        /// Length of the step \[ms\].
         dt_ms: f64,
         /// Cause: Newton's method, an inverted element, or a value that is not finite.
         reason: String,

@@ -141,7 +141,7 @@ pub struct OneFibreParameters {
     pub passive: OneFibrePassive,
     /// Activation of the groups.
     pub activation: ActivationSpread,
-    /// Contraction model.
+    /// Contraction model of all groups.
     pub contraction: GroupContraction,
     /// Cycle length, after which every group is activated again.
     pub cycle_length: Ms,
@@ -162,7 +162,7 @@ struct State {
     ca_um: Vec<f64>,
 }
 
-/// The reduced ventricle.
+/// A left ventricle of one fibre stress, advanced with its circulation.
 #[derive(Debug)]
 pub struct OneFibreVentricle {
     passive: OneFibrePassive,

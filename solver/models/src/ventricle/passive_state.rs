@@ -38,15 +38,15 @@ pub(crate) fn stretch(volume_ml: f64, reference_ml: f64, wall_ml: f64) -> (f64, 
 /// Passive fibre law σ_p = s (e^{b E} − 1) with E = (λ_p² − 1)/2 and λ_p from the unloaded volume.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct OneFibrePassive {
-    /// Stiffness s.
+    /// Stiffness s of the passive fibre stress.
     pub stiffness: Kpa,
-    /// Exponent b.
+    /// Exponent b of the strain E.
     pub exponent: f64,
-    /// Unloaded volume V0.
+    /// Cavity volume V0 without load.
     pub unloaded_volume: Ml,
     /// Volume at end-diastole, where the active stretch is one and the beat starts.
     pub end_diastolic_volume: Ml,
-    /// Wall volume.
+    /// Volume of the wall, constant in all states.
     pub wall_volume: Ml,
     /// Whether the exponent was fitted to a diastasis point; otherwise it is the default.
     pub exponent_fitted: bool,
@@ -76,13 +76,13 @@ pub enum PassiveStateMode {
 /// Data to which the passive state is fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PassiveStateInput {
-    /// Measured end-diastolic volume.
+    /// Cavity volume that was measured at end-diastole.
     pub end_diastolic_volume: Ml,
-    /// Measured end-diastolic pressure.
+    /// Cavity pressure that was measured at end-diastole.
     pub end_diastolic_pressure: Mmhg,
     /// Diastasis point, if known.
     pub diastasis: Option<DiastasisPoint>,
-    /// Wall volume.
+    /// Volume of the wall, constant in all states.
     pub wall_volume: Ml,
     /// State from which the beat starts.
     pub mode: PassiveStateMode,

@@ -19,41 +19,41 @@ pub(super) const UNBLOCKING_CAP: f64 = 100.0;
 /// Constants of the equations: parameters that enter as they are, and constants derived from parameters (eqs. A8-A12).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Equations {
-    /// k_TRPN \[1/ms\].
+    /// Unbinding rate k_TRPN of calcium from troponin C \[1/ms\].
     pub k_trpn: f64,
-    /// n_TRPN.
+    /// Hill exponent n_TRPN of calcium binding.
     pub n_trpn: f64,
-    /// Ca50_ref \[µM\].
+    /// Half-saturation Ca50_ref at a stretch of one \[µM\].
     pub ca50_ref: f64,
-    /// β1 \[µM\].
+    /// Slope β1 of Ca50 with the stretch \[µM\].
     pub beta1: f64,
-    /// k_U \[1/ms\].
+    /// Unblocking rate k_U of binding sites \[1/ms\].
     pub k_u: f64,
-    /// n_Tm/2.
+    /// Half of the Hill exponent n_Tm of unblocking.
     pub half_n_tm: f64,
-    /// k_UW \[1/ms\].
+    /// Rate k_UW from unbound to weakly bound \[1/ms\].
     pub k_uw: f64,
-    /// k_WS \[1/ms\].
+    /// Rate k_WS from weakly to strongly bound \[1/ms\].
     pub k_ws: f64,
-    /// γ_S \[1/ms\].
+    /// Distortion-dependent unbinding γ_S of strong bridges \[1/ms\].
     pub gamma_s: f64,
-    /// γ_W \[1/ms\].
+    /// Distortion-dependent unbinding γ_W of weak bridges \[1/ms\].
     pub gamma_w: f64,
-    /// β0.
+    /// Slope β0 of the overlap h with the stretch.
     pub beta0: f64,
-    /// k_WU = k_UW (1/r_W − 1) − k_WS \[1/ms\].
+    /// Rate from weakly bound to unbound, k_WU = k_UW (1/r_W − 1) − k_WS \[1/ms\].
     pub k_wu: f64,
-    /// k_SU = k_WS r_W (1/r_S − 1) \[1/ms\].
+    /// Rate from strongly bound to unbound, k_SU = k_WS r_W (1/r_S − 1) \[1/ms\].
     pub k_su: f64,
-    /// k_B = k_U TRPN50^n_Tm / (1 − r_S − (1 − r_S) r_W) \[1/ms\].
+    /// Blocking rate, k_B = k_U TRPN50^n_Tm / (1 − r_S − (1 − r_S) r_W) \[1/ms\].
     pub k_b: f64,
     /// Distortion per stretch A = A_W = A_S.
     pub a: f64,
-    /// Decay of ζ_W \[1/ms\].
+    /// Rate at which the distortion ζ_W decays \[1/ms\].
     pub c_w: f64,
-    /// Decay of ζ_S \[1/ms\].
+    /// Rate at which the distortion ζ_S decays \[1/ms\].
     pub c_s: f64,
-    /// Smax_ref / r_S \[kPa\].
+    /// Factor Smax_ref / r_S of the stress \[kPa\].
     pub stress_scale: f64,
     /// Whether CaTRPN^(−n_Tm/2) is capped at 100.
     pub cap_unblocking: bool,
@@ -62,19 +62,19 @@ pub struct Equations {
 /// Terms of the rates that their slopes need as well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Terms<T> {
-    /// Ca50 \[µM\].
+    /// Half-saturation Ca50 at the present stretch \[µM\].
     pub ca50_um: T,
-    /// (Ca/Ca50)^n_TRPN.
+    /// Binding factor (Ca/Ca50)^n_TRPN.
     pub binding: T,
-    /// CaTRPN^(−n_Tm/2), capped if asked.
+    /// Unblocking factor CaTRPN^(−n_Tm/2), capped if asked.
     pub unblocking: T,
-    /// CaTRPN^(n_Tm/2).
+    /// Blocking factor CaTRPN^(n_Tm/2).
     pub blocking: T,
-    /// U = 1 − B − W − S.
+    /// Share of unbound sites, U = 1 − B − W − S.
     pub unbound: T,
-    /// γ_WU \[1/ms\].
+    /// Additional unbinding γ_WU of distorted weak bridges \[1/ms\].
     pub gamma_wu: T,
-    /// γ_SU \[1/ms\].
+    /// Additional unbinding γ_SU of distorted strong bridges \[1/ms\].
     pub gamma_su: T,
 }
 
@@ -204,7 +204,7 @@ impl Equations {
         T::of(self.beta1).mul_add(l - T::of(1.0), T::of(self.ca50_ref))
     }
 
-    /// h(λ) (eq. A13).
+    /// Overlap h(λ) of the filaments (eq. A13).
     #[inline(always)]
     pub fn overlap<T: Number>(&self, lambda: T) -> T {
         let l = lambda.min(T::of(LAMBDA_CAP));

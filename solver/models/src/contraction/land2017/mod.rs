@@ -22,7 +22,7 @@ parameters! {
     pub struct Land2017Parameters {
         /// Rate of calcium binding to troponin k_TRPN \[1/ms\].
         k_trpn_per_ms: "k_TRPN", "k_TRPN_per_ms", Positive;
-        /// Cooperativity of that binding n_TRPN.
+        /// Cooperativity n_TRPN of calcium binding.
         n_trpn: "n_TRPN", "n_TRPN", Positive;
         /// Reference calcium sensitivity Ca50_ref \[µM\].
         ca50_ref_um: "Ca50_ref", "Ca50_ref_uM", Positive;
@@ -44,7 +44,7 @@ parameters! {
         gamma_s_per_ms: "gamma_S", "gamma_S_per_ms", NotNegative;
         /// Strain-dependent unbinding of weak bridges γ_W \[1/ms\].
         gamma_w_per_ms: "gamma_W", "gamma_W_per_ms", NotNegative;
-        /// Distortion decay Φ.
+        /// Factor Φ of the decay of distortions.
         phi: "Phi", "phi", Positive;
         /// Magnitude of the instantaneous response to a stretch A_eff.
         a_eff: "A_eff", "A_eff", Positive;

@@ -8,15 +8,15 @@ use super::equations::{
 /// Slopes of [`Terms`], each with respect to the one quantity that it depends on beside Ca50.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TermSlopes {
-    /// dCa50/dλ \[µM\].
+    /// Slope dCa50/dλ of the half-saturation \[µM\].
     pub ca50_um: f64,
-    /// Of the unblocking factor with CaTRPN.
+    /// Slope of the unblocking factor with CaTRPN.
     pub unblocking: f64,
-    /// Of the blocking factor with CaTRPN.
+    /// Slope of the blocking factor with CaTRPN.
     pub blocking: f64,
-    /// dγ_WU/dζ_W \[1/ms\].
+    /// Slope dγ_WU/dζ_W of the weak bridges' unbinding \[1/ms\].
     pub gamma_wu: f64,
-    /// dγ_SU/dζ_S \[1/ms\].
+    /// Slope dγ_SU/dζ_S of the strong bridges' unbinding \[1/ms\].
     pub gamma_su: f64,
 }
 
@@ -46,7 +46,7 @@ impl Land2017 {
         }
     }
 
-    /// dCa50/dλ \[µM\].
+    /// Slope dCa50/dλ, zero above the stretch of 1.2, where Ca50 is constant \[µM\].
     #[inline]
     pub(crate) fn ca50_slope(&self, lambda: f64) -> f64 {
         if lambda < LAMBDA_CAP {
@@ -56,7 +56,7 @@ impl Land2017 {
         }
     }
 
-    /// dh/dλ.
+    /// Slope dh/dλ of the overlap, zero where the filaments do not overlap.
     #[inline]
     pub(crate) fn overlap_slope(&self, lambda: f64) -> f64 {
         let dl = if lambda < LAMBDA_CAP { 1.0 } else { 0.0 };
@@ -68,7 +68,7 @@ impl Land2017 {
         }
     }
 
-    /// dγ_WU/dζ_W \[1/ms\].
+    /// Slope dγ_WU/dζ_W of the weak bridges' unbinding \[1/ms\].
     #[inline]
     pub(super) fn gamma_wu_slope(&self, zeta_w: f64) -> f64 {
         self.p.gamma_w_per_ms.copysign(zeta_w)

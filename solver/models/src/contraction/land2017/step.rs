@@ -202,7 +202,7 @@ fn blocking(cell: &Land2017, ca_trpn: f64) -> (f64, f64, f64, f64) {
     (down, ddown, up, up * slope)
 }
 
-/// See [`crate::contraction::Contraction::try_step`].
+/// Makes the step of [`crate::contraction::Contraction::try_step`].
 pub(super) fn try_step(
     cell: &Land2017,
     step: &NodeStep,
