@@ -52,10 +52,10 @@ pub struct MeanTrace {
     pub sd: Vec<f64>,
 }
 
-/// The averaged beat.
+/// Mean of the accepted beats, on a uniform grid over one cycle.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Average {
-    /// Cycle length \[ms\].
+    /// Cycle length of the mean beat \[ms\].
     pub cycle_length_ms: f64,
     /// Distance between samples \[ms\]. The first sample is at the beginning of the beat, and the
     /// last one lies before its end.

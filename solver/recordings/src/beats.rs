@@ -19,7 +19,7 @@ const RISE_MS: f64 = 70.0;
 /// Signal from which the beginnings are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
-    /// R waves.
+    /// R waves of the electrocardiogram.
     RWave,
     /// The rise of the ventricle's pressure, or of the aorta's if only that was recorded.
     PressureRise,
@@ -42,7 +42,7 @@ pub struct BeatSettings {
 pub struct Beat {
     /// Beginning after the recording's first sample \[ms\].
     pub onset_ms: f64,
-    /// Cycle length \[ms\].
+    /// Time to the beginning of the next beat \[ms\].
     pub length_ms: f64,
 }
 
@@ -68,7 +68,7 @@ pub enum BeatError {
     /// There are fewer than two beginnings.
     #[error("found {n_found} beginnings of beats in {length_ms:.0} ms, expected at least 2")]
     NoBeats {
-        /// Number of beginnings.
+        /// Number of beginnings that were found.
         n_found: usize,
         /// Length of the recording \[ms\].
         length_ms: f64,

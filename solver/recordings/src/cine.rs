@@ -17,9 +17,9 @@ const LINE_FRAMES: f64 = 1.6;
 pub struct Cine {
     /// Times after the trigger \[ms\].
     pub time_ms: Vec<f64>,
-    /// Cavity volumes \[mL\].
+    /// Cavity volume of each frame \[mL\].
     pub volume_ml: Vec<f64>,
-    /// Cycle length \[ms\].
+    /// Length of the cycle over which the frames were gated \[ms\].
     pub cycle_length_ms: f64,
 }
 
@@ -29,7 +29,7 @@ pub enum CineError {
     /// There are too few frames.
     #[error("{n_frames} frames, but a cycle needs at least {FEWEST}")]
     TooFew {
-        /// Number of frames.
+        /// Number of frames that were given.
         n_frames: usize,
     },
     /// Frames lie beyond the end of the cycle.
@@ -39,7 +39,7 @@ pub enum CineError {
         first_ms: f64,
         /// Time of the last frame \[ms\].
         last_ms: f64,
-        /// Cycle length \[ms\].
+        /// Length of the cycle \[ms\].
         cycle_length_ms: f64,
     },
     /// A volume is missing, zero or negative.

@@ -30,9 +30,9 @@ pub struct Reconciled {
     pub cycle_lengths_ms: [f64; 2],
     /// End of systole on the cine's clock \[ms\].
     pub systole_end_ms: f64,
-    /// Factor of systole.
+    /// Factor by which times in systole are stretched.
     pub systole_factor: f64,
-    /// Factor of diastole.
+    /// Factor by which times in diastole are stretched.
     pub diastole_factor: f64,
     /// Ratio of the ejection times if it was implausible, so that the ratio of the cycles was used
     /// instead.

@@ -54,7 +54,7 @@ impl Default for DriftSettings {
 /// Drift of one pressure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift {
-    /// Slope \[mmHg/min\].
+    /// Slope of the line through the diastolic pressures \[mmHg/min\].
     pub mmhg_per_min: f64,
     /// Standard error of the slope \[mmHg/min\].
     pub standard_error_mmhg_per_min: f64,

@@ -14,46 +14,46 @@ use crate::reject::{Reason, RejectSettings, judge};
 use crate::synchronise::{Lag, SynchroniseSettings, lag};
 use crate::volume::{Adjust, Adjusted, WholeHeart, adjust};
 
-/// Recorded data.
+/// Recordings and images as they were read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raw {
     /// Recording of the catheter.
     pub recording: Recording,
-    /// Cine series.
+    /// Cine series of volumes; `None` without one.
     pub cine: Option<Cine>,
-    /// Whole-heart image.
+    /// Volume in a whole-heart image; `None` without one.
     pub whole_heart: Option<WholeHeart>,
 }
 
 /// Settings of all steps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Settings {
-    /// Detection of beats.
+    /// Settings of the detection of beats.
     pub beats: BeatSettings,
-    /// Selection of beats.
+    /// Settings of the selection of beats.
     pub reject: RejectSettings,
-    /// Removal of the drift.
+    /// Settings of the removal of the drift.
     pub drift: DriftSettings,
-    /// Averaging.
+    /// Settings of the mean beat.
     pub average: AverageSettings,
-    /// Adjustment of the volumes to the whole-heart image.
+    /// Method by which the volumes are adjusted to the whole-heart image.
     pub volume: Adjust,
-    /// Adaptation of the cycle lengths.
+    /// Settings of the adaptation of the cycle lengths.
     pub cycle: CycleSettings,
-    /// Synchronisation.
+    /// Settings of the synchronisation of volume with pressure.
     pub synchronise: SynchroniseSettings,
 }
 
 /// The prepared beat, with the results of all steps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prepared {
-    /// Detected beats.
+    /// Beats that were detected, accepted or not.
     pub found: FoundBeats,
     /// Reasons against each beat; empty for a beat in the mean.
     pub reasons: Vec<Vec<Reason>>,
     /// Drifts of the pressures.
     pub drifts: Drifts,
-    /// The mean beat.
+    /// Mean of the accepted beats.
     pub average: Average,
     /// Noise of the mean beat; `None` with fewer than three beats.
     pub noise: Option<Noise>,
@@ -66,7 +66,7 @@ pub struct Prepared {
 /// The volume, with the results of each step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PreparedVolume {
-    /// Frames as measured.
+    /// Frames as they were measured, on the cine's clock.
     pub original: Cine,
     /// Frames after the adjustment to the whole-heart image.
     pub adjusted: Adjusted,

@@ -21,13 +21,13 @@ pub enum RecordingError {
     /// There are too few samples.
     #[error("{n_samples} samples, but a recording needs at least {FEWEST}")]
     TooFew {
-        /// Number of samples.
+        /// Number of samples that were given.
         n_samples: usize,
     },
     /// The typical distance between samples is outside the accepted range.
     #[error("a sample every {step_ms} ms, but the step must be 0.05 to 20 ms")]
     Step {
-        /// Typical distance \[ms\].
+        /// Typical distance between samples \[ms\].
         step_ms: f64,
     },
     /// The samples fill only a small part of the time span.
@@ -35,13 +35,13 @@ pub enum RecordingError {
         "times from {first_ms} to {last_ms} ms, but only {n_samples} samples every {step_ms} ms"
     )]
     Span {
-        /// First time \[ms\].
+        /// Time of the first sample \[ms\].
         first_ms: f64,
-        /// Last time \[ms\].
+        /// Time of the last sample \[ms\].
         last_ms: f64,
-        /// Number of samples.
+        /// Number of samples that were given.
         n_samples: usize,
-        /// Typical distance \[ms\].
+        /// Typical distance between samples \[ms\].
         step_ms: f64,
     },
     /// There is no channel with a pressure.
@@ -62,22 +62,23 @@ pub struct Recording {
     pub aortic_pressure_mmhg: Option<Vec<f64>>,
     /// Flow in the ascending aorta \[mL/s\], positive out of the heart.
     pub flow_ml_per_s: Option<Vec<f64>>,
-    /// Electrocardiogram \[mV\].
+    /// Voltage of the electrocardiogram \[mV\].
     pub ecg_mv: Option<Vec<f64>>,
 }
 
 /// Channels as they were sampled, in the same order as in [`Recording`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channels {
-    /// Increasing times \[ms\].
+    /// Times of the samples \[ms\], increasing.
     pub time_ms: Vec<f64>,
-    /// See [`Recording::lv_pressure_mmhg`].
+    /// Pressure of the left ventricle \[mmHg\]; `None` if it was not recorded.
     pub lv_pressure_mmhg: Option<Vec<f64>>,
-    /// See [`Recording::aortic_pressure_mmhg`].
+    /// Pressure in the aorta \[mmHg\]; `None` if it was not recorded.
     pub aortic_pressure_mmhg: Option<Vec<f64>>,
-    /// See [`Recording::flow_ml_per_s`].
+    /// Flow in the ascending aorta \[mL/s\], positive out of the heart; `None` if it was not
+    /// recorded.
     pub flow_ml_per_s: Option<Vec<f64>>,
-    /// See [`Recording::ecg_mv`].
+    /// Voltage of the electrocardiogram \[mV\]; `None` if it was not recorded.
     pub ecg_mv: Option<Vec<f64>>,
 }
 

@@ -8,13 +8,13 @@ use crate::cine::Cine;
 pub struct WholeHeart {
     /// Time of the image on the cine's clock, from the trigger \[ms\].
     pub time_ms: f64,
-    /// Cavity volume \[mL\].
+    /// Volume of the cavity in the image \[mL\].
     pub volume_ml: f64,
     /// Standard deviation of the volume \[mL\].
     pub sd_ml: Option<f64>,
 }
 
-/// Methods of adjustment.
+/// Methods by which the frames are adjusted to the image.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Adjust {
     /// By a factor, which corrects a wrong thickness or gap of the slices and preserves the
@@ -25,14 +25,14 @@ pub enum Adjust {
     Shift,
     /// By a given factor.
     By(f64),
-    /// No adjustment.
+    /// Frames stay as they were measured.
     Off,
 }
 
 /// Result of the adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adjusted {
-    /// The adjusted frames.
+    /// Frames after the adjustment.
     pub cine: Cine,
     /// Volume of the frames at the image's time before the adjustment \[mL\]; `None` without an
     /// image.
