@@ -6,7 +6,7 @@ use crate::cycle::{Continuation, Cycle};
 use cardiotwin_units::{Kpa, MicroMolar, Ms, Stretch};
 use serde::{Deserialize, Serialize};
 
-/// Why biomarkers of a cell's traces cannot be computed.
+/// Reasons why biomarkers of a cell's traces cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CellTraceError {
     /// The slices differ in length or are too short for a central difference.
@@ -14,25 +14,25 @@ pub enum CellTraceError {
         "a cell trace needs at least 3 samples and one time per value, but there are {n_times} times and {n_values} values"
     )]
     Length {
-        /// Number of times.
+        /// Number of times of the trace.
         n_times: usize,
-        /// Number of values.
+        /// Number of values of the trace.
         n_values: usize,
     },
     /// A value that is not finite.
     #[error("value {value} at sample {idx} of the {quantity} trace is not finite")]
     NotFinite {
-        /// Which trace.
+        /// Name of the trace.
         quantity: &'static str,
         /// Position in the slice.
         idx: usize,
-        /// What was found.
+        /// Value that is not finite.
         value: f64,
     },
     /// No stress is developed, so that no duration has a meaning.
     #[error("the largest active stress is {max_kpa} kPa, but durations need a positive one")]
     NoStress {
-        /// Largest value, kPa.
+        /// Largest value of the trace \[kPa\].
         max_kpa: f64,
     },
 }
@@ -57,7 +57,7 @@ impl Unreached {
 /// Biomarkers of an active stress trace over one beat.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ActiveStressBiomarkers {
-    /// Largest active stress.
+    /// Largest active stress of the beat.
     #[serde(rename = "Sa_max_kPa")]
     pub sa_max: Kpa,
     /// Time of the largest active stress.

@@ -85,7 +85,7 @@ impl Flag {
 /// Biomarkers of one beat, with the times that define them; what a missing trace or a degenerate one cannot give is absent.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BeatBiomarkers {
-    /// The biomarkers themselves.
+    /// Values of the biomarkers; each is absent where its trace is.
     pub values: Biomarkers,
     /// Times from the trace's time zero; a periodic trace's may lie in the cycle before or after, and a single beat's t1
     /// before its first sample. Times of extremes (t2, steepest pressures) are for drawings: a flat top moves them far. t4 to
@@ -101,15 +101,15 @@ pub struct BeatBiomarkers {
     pub flags: Vec<Flag>,
 }
 
-/// Why biomarkers cannot be computed.
+/// Reasons why biomarkers cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BiomarkerError {
     /// A trace of another quantity.
     #[error("found a {found} trace, expected a {expected} trace")]
     Quantity {
-        /// What should have been given.
+        /// Quantity of the trace that is needed.
         expected: Quantity,
-        /// What was given.
+        /// Quantity of the trace that was given.
         found: Quantity,
     },
     /// The trace cannot be brought to the common step.

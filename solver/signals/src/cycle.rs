@@ -35,7 +35,7 @@ impl Continuation {
     }
 }
 
-/// Which way a search goes in time.
+/// Direction of a search in time.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Way {
     /// To earlier times.

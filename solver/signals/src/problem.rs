@@ -1,4 +1,4 @@
-//! One thing that is wrong, or looks wrong, in what a user gave: where, what was found, what was expected, what to do.
+//! A problem of a user's input: its place, the found and the expected content, and the remedy.
 
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -16,9 +16,9 @@ pub enum Severity {
 /// Place in a text file, counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Position {
-    /// Line.
+    /// Number of the line.
     pub line: usize,
-    /// Character in the line.
+    /// Number of the character in the line.
     pub column: usize,
 }
 
@@ -27,22 +27,22 @@ pub struct Position {
 pub struct Problem {
     /// Whether work may go on.
     pub severity: Severity,
-    /// The file that must be looked at.
+    /// File that must be looked at.
     pub file: PathBuf,
-    /// Its line, from 1, where the problem has one.
+    /// Line of the problem, from 1; `None` where it has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<usize>,
-    /// Its character in the line, from 1, where the problem has one.
+    /// Character in that line, from 1; `None` where the problem has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub column: Option<usize>,
     /// Column of a CSV file or key of a TOML file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
-    /// What was found.
+    /// Content that was found, in words.
     pub found: String,
-    /// What was expected.
+    /// Content that was expected, in words.
     pub expected: String,
-    /// What to do.
+    /// Advice on the change to make.
     pub remedy: String,
 }
 

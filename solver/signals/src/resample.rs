@@ -15,7 +15,7 @@ const OVERLAP: f64 = 0.02;
 /// Fraction of the usual step within which a last sample counts as the cycle's end, dimensionless.
 const CLOSING: f64 = 0.25;
 
-/// Why a trace cannot be resampled.
+/// Reasons why a trace cannot be resampled.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ResampleError {
     /// A periodic spline needs three knots within one cycle.
@@ -23,21 +23,21 @@ pub enum ResampleError {
         "the {quantity} trace has {n_samples} samples within its cycle of {cycle_length_ms} ms, but a periodic spline needs at least 3"
     )]
     TooFew {
-        /// What the trace holds.
+        /// Quantity of the trace.
         quantity: Quantity,
-        /// Samples within one cycle.
+        /// Number of samples within one cycle.
         n_samples: usize,
-        /// Cycle length, ms.
+        /// Cycle length of the trace \[ms\].
         cycle_length_ms: f64,
     },
     /// The samples span more than the cycle, so that it cannot repeat after it.
     #[error("the {quantity} trace spans {span_ms} ms, more than its cycle of {cycle_length_ms} ms")]
     LongerThanCycle {
-        /// What the trace holds.
+        /// Quantity of the trace.
         quantity: Quantity,
-        /// Time between first and last sample, ms.
+        /// Time between first and last sample \[ms\].
         span_ms: f64,
-        /// Cycle length, ms.
+        /// Cycle length of the trace \[ms\].
         cycle_length_ms: f64,
     },
     /// A step or a cycle length that is not positive.
@@ -45,9 +45,9 @@ pub enum ResampleError {
         "step and cycle length must be positive, but are {step_ms} ms and {cycle_length_ms:?} ms"
     )]
     Step {
-        /// Step, ms.
+        /// Step to which the trace was to be resampled \[ms\].
         step_ms: f64,
-        /// Cycle length of a periodic trace, ms.
+        /// Cycle length of a periodic trace \[ms\].
         cycle_length_ms: Option<f64>,
     },
     /// The resampled values do not make a trace, for instance because a single beat is shorter than the step.

@@ -2,19 +2,19 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What a trace holds, with its unit.
+/// Quantity of a trace, with its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Quantity {
     /// Left-ventricular or arterial pressure, mmHg.
     Pressure,
-    /// Cavity volume, mL.
+    /// Volume of the ventricle's cavity, mL.
     Volume,
     /// Active stress along the fibre, kPa.
     ActiveStress,
     /// Intracellular calcium concentration, µM.
     Calcium,
-    /// Fibre stretch, dimensionless.
+    /// Fibre stretch from the reference length, dimensionless.
     Stretch,
     /// Flow through the aortic valve, mL/s.
     Flow,
@@ -67,31 +67,31 @@ impl std::fmt::Display for Quantity {
     }
 }
 
-/// Why samples do not make a trace.
+/// Reasons why samples do not make a trace.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TraceError {
-    /// One time per value, and at least two of them.
+    /// There is not one time per value, or fewer than two of them.
     #[error(
         "a {quantity} trace needs at least 2 samples and one time per value, but has {n_times} times and {n_values} values"
     )]
     Length {
-        /// What the trace holds.
+        /// Quantity of the trace.
         quantity: Quantity,
-        /// Number of times.
+        /// Number of times that were given.
         n_times: usize,
-        /// Number of values.
+        /// Number of values that were given.
         n_values: usize,
     },
     /// A time or a value that is not finite.
     #[error("sample {idx} of the {quantity} trace is not finite: time {time_ms} ms, value {value}")]
     NotFinite {
-        /// What the trace holds.
+        /// Quantity of the trace.
         quantity: Quantity,
         /// Position of the sample.
         idx: usize,
-        /// Its time, ms.
+        /// Time of the sample \[ms\].
         time_ms: f64,
-        /// Its value in the quantity's unit.
+        /// Value of the sample, in the quantity's unit.
         value: f64,
     },
     /// Times do not increase.
@@ -99,13 +99,13 @@ pub enum TraceError {
         "times of the {quantity} trace do not increase at sample {idx}: {time_ms} ms after {previous_ms} ms"
     )]
     NotIncreasing {
-        /// What the trace holds.
+        /// Quantity of the trace.
         quantity: Quantity,
         /// Position of the sample.
         idx: usize,
-        /// Its time, ms.
+        /// Time of the sample \[ms\].
         time_ms: f64,
-        /// Time of the sample before, ms.
+        /// Time of the sample before \[ms\].
         previous_ms: f64,
     },
 }
@@ -203,7 +203,7 @@ impl Trace {
         &self.values
     }
 
-    /// Number of samples.
+    /// Number of samples, at least two.
     #[must_use]
     pub fn n_samples(&self) -> usize {
         self.values.len()

@@ -25,28 +25,29 @@ pub struct Source<'a> {
 /// A measured volume and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasuredVolume {
-    /// Value.
+    /// Measured value of the volume.
     pub volume: Ml,
     /// Standard deviation; zero where none is stated.
     pub sd: Ml,
 }
 
-/// What is known of one patient: the traces and the numbers that must agree with them.
+/// Measurements of one patient: the traces, and the numbers that must agree with them.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {
     /// The patient's file, named in problems of its keys.
     pub patient_file: &'a Path,
-    /// Key `cycle_length_ms`.
+    /// Cycle length, from the key `cycle_length_ms`.
     pub cycle_length: Ms,
     /// The pressure trace, mmHg.
     pub pressure: Option<Source<'a>>,
     /// The volume trace, mL.
     pub volume: Option<Source<'a>>,
-    /// Key `measured.end_diastolic_pressure_mmHg`.
+    /// Pressure at end-diastole, from the key `measured.end_diastolic_pressure_mmHg`.
     pub end_diastolic_pressure: Option<Mmhg>,
-    /// Key `preload.left_atrial_pressure_mmHg`.
+    /// Filling pressure, from the key `preload.left_atrial_pressure_mmHg`.
     pub left_atrial_pressure: Option<Mmhg>,
-    /// Key `measured.forward_stroke_volume`.
+    /// Volume per beat that leaves through the aorta, from the key
+    /// `measured.forward_stroke_volume`.
     pub forward_stroke_volume: Option<MeasuredVolume>,
 }
 
