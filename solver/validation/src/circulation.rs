@@ -103,13 +103,13 @@ pub struct Heart {
     pub atrial_contraction: Option<AtrialContraction>,
     /// Pericardium; `None` in a heart without missing effects.
     pub pericardium: Option<Pericardium>,
-    /// Mitral valve.
+    /// Valve from the left atrium to the left ventricle.
     pub mitral: Valve,
-    /// Aortic valve.
+    /// Valve from the left ventricle to the aorta.
     pub aortic: Valve,
-    /// Tricuspid valve.
+    /// Valve from the systemic veins to the right ventricle.
     pub tricuspid: Valve,
-    /// Pulmonary valve.
+    /// Valve from the right ventricle to the arteries of the lungs.
     pub pulmonary: Valve,
     /// Hole between the ventricles \[cm²\].
     pub septal_defect_cm2: f64,

@@ -36,7 +36,7 @@ pub struct Side {
 /// One test patient with its measured data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
-    /// Cycle length \[ms\].
+    /// Length of the cardiac cycle \[ms\].
     pub cycle_ms: f64,
     /// Measured pressure each millisecond \[mmHg\].
     pub pressure_mmhg: Vec<f64>,
@@ -50,7 +50,7 @@ pub struct Case {
     pub clean_frame_ml: Vec<f64>,
     /// Noise levels stated in the patient file.
     pub stated: Stated,
-    /// Measured scalars.
+    /// Scalars measured besides the traces, with their noise.
     pub side: Side,
     /// The scalars without noise.
     pub clean_side: Side,
