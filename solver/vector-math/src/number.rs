@@ -22,10 +22,10 @@ pub trait Number:
     /// `self · a + b`, fused in lanes with `FMA`.
     fn mul_add(self, a: Self, b: Self) -> Self;
 
-    /// eˣ.
+    /// Exponential eˣ.
     fn exp(self) -> Self;
 
-    /// eˣ − 1.
+    /// Exponential minus one, eˣ − 1, accurate for small numbers.
     fn exp_m1(self) -> Self;
 
     /// ln(self/other) of two positive numbers.
@@ -37,7 +37,7 @@ pub trait Number:
         (self.ln_ratio(other), c.ln_ratio(d))
     }
 
-    /// Absolute value.
+    /// Absolute value, with the slope of its side for dual numbers.
     fn abs(self) -> Self;
 
     /// Whether `self < other`; `false` if either is not a number.
@@ -102,9 +102,9 @@ pub struct Lane<const FMA: bool>(pub f64);
 /// A value and its derivative along one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual<T = f64> {
-    /// Value.
+    /// Value of the number.
     pub v: T,
-    /// Derivative.
+    /// Derivative of the value along the direction.
     pub d: T,
 }
 
