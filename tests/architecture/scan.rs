@@ -29,7 +29,7 @@ pub struct Path {
     pub import: Option<Import>,
 }
 
-/// How a `use` takes a path.
+/// Properties of a `use`: its visibility and its new name.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Import {
     /// Whether others may use the name from here.

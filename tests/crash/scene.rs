@@ -213,7 +213,7 @@ impl Scene {
 /// A coordinator's process with what it has printed.
 pub struct Coordinator {
     child: Child,
-    /// Its stderr, line by line.
+    /// Lines of its standard error.
     lines: Receiver<String>,
     heard: String,
 }

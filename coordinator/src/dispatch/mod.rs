@@ -85,7 +85,7 @@ pub enum News {
 /// State of an attempt that an earlier coordinator started or was about to start.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Found {
-    /// Its process lives, and is watched from now on.
+    /// The process of the attempt lives, and is watched from now on.
     Alive(Claim),
     /// The attempt is over.
     Over {
@@ -96,7 +96,7 @@ pub enum Found {
     },
     /// The attempt has no claim and may be submitted (again).
     Unclaimed,
-    /// Its claim is incomplete and should be read again later.
+    /// The claim is incomplete and should be read again later.
     BeingClaimed,
     /// A process on another host holds the claim, and its state cannot be determined from here.
     Elsewhere(Claim),

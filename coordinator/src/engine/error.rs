@@ -70,7 +70,7 @@ pub enum EngineError {
     /// A request cannot be applied.
     #[error("{message}")]
     Request {
-        /// What was requested, what was found, and what to do.
+        /// Message with the request, the reason and the remedy.
         message: String,
     },
     /// An attempt cannot be started or inspected.
@@ -98,7 +98,7 @@ pub enum EngineError {
     /// The site's profile is missing or wrong.
     #[error("{message}")]
     Site {
-        /// What is wrong, in which file, and what to do.
+        /// Message with the file, the error and the remedy.
         message: String,
     },
     /// A run with jobs on a cluster was started with another executor.

@@ -78,7 +78,7 @@ pub enum EngineEvent {
     PatientEnded {
         /// Patient whose chain ended.
         patient: PatientId,
-        /// How the chain ended.
+        /// Ending of the chain.
         ending: PatientEnding,
         /// Number of patients that are over, this one included.
         over: usize,
@@ -99,7 +99,7 @@ pub enum EngineEvent {
     },
 }
 
-/// How a patient's chain ended.
+/// Ending of a patient's chain.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PatientEnding {
     /// All steps are done.

@@ -29,7 +29,7 @@ pub enum Attempt {
     Planned,
     /// The intent to submit is durable, but it is not known yet whether the submission took place.
     Submitting,
-    /// Its process was seen alive.
+    /// The attempt's process was seen alive.
     Running {
         /// Name of the attempt in the executor.
         id: ExternalId,

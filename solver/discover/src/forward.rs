@@ -58,11 +58,11 @@ pub struct Candidate {
     pub artefact: bool,
     /// Fitted parameters, the strength first. The prior mean of the strength is its off-value.
     pub parameters: Vec<Parameter>,
-    /// What it is, in one sentence.
+    /// Meaning of the effect, in one sentence.
     pub meaning: String,
-    /// How the three-dimensional ventricle takes it over.
+    /// Transfer of the effect to the three-dimensional ventricle.
     pub in_3d: InThreeDimensions,
-    /// What to do about an artefact.
+    /// Remedy for an artefact.
     pub remedy: Option<String>,
     /// Strength at which the effect vanishes.
     pub off: f64,

@@ -59,10 +59,10 @@ pub struct SurfaceLoad {
     pub pressure_kpa: f64,
 }
 
-/// A cavity at a pressure that somebody else prescribes: of its load nothing is solved for.
+/// A cavity at a prescribed pressure, which is not solved for.
 #[derive(Debug, Clone)]
 pub struct GivenCavity {
-    /// Its wall and openings.
+    /// Wall and openings of the cavity.
     pub cavity: Cavity,
     /// Pressure at the end of the step in hand \[kPa\]; set before each step, alike on all ranks.
     pub pressure_kpa: f64,

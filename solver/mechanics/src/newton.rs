@@ -9,7 +9,7 @@ use cardiotwin_linalg::{
 
 use crate::linear::Assembled as _;
 
-/// How linear systems are solved.
+/// Method by which linear systems are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LinearSolver {
     /// Factorised symmetric half, GMRES for the rest. One process.
@@ -64,14 +64,14 @@ impl Default for NewtonSettings {
     }
 }
 
-/// What a solve cost.
+/// Work of a solve.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NewtonReport {
     /// Norm of the residual before each iteration and at the end \[mN\].
     pub residuals: Vec<f64>,
-    /// Krylov iterations, all together.
+    /// Number of Krylov iterations, all together.
     pub krylov_iterations: usize,
-    /// Steps that were halved.
+    /// Number of steps that were halved.
     pub halvings: usize,
 }
 
@@ -252,7 +252,7 @@ pub fn solve(
     }
 }
 
-/// What rounding of the positions leaves of a residual: no tolerance can be below.
+/// Residual that rounding of the positions leaves; no tolerance can be below it.
 fn round_off(system: &dyn System, workspace: &Workspace) -> f64 {
     let space = system.space();
     128.0 * f64::EPSILON * workspace.tangent.mean_diagonal(space) * space.norm(system.reference())

@@ -60,12 +60,12 @@ impl Default for LoadSteps {
     }
 }
 
-/// What a static solve cost.
+/// Work of a static solve.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StaticReport {
-    /// Newton of each load step, in order.
+    /// Work of Newton's method in each load step, in order.
     pub steps: Vec<NewtonReport>,
-    /// Steps that failed and were halved.
+    /// Number of steps that failed and were halved.
     pub n_cut: usize,
 }
 
@@ -291,8 +291,8 @@ fn scaled(active: &ActivePoint, load: f64) -> ActivePoint {
     }
 }
 
-/// Where Newton starts: the last equilibrium, extrapolated by `ratio` times its last change where no element inverts by it,
-/// with prescribed components at their target.
+/// Start of Newton's method: the last equilibrium, extrapolated by `ratio` times its last change
+/// unless an element would be inverted by it, with prescribed components at their target.
 fn start(
     system: &mut AtLoad<'_, '_>,
     u: &[f64],

@@ -52,7 +52,7 @@ pub struct TissueJob {
     pub conduction: Option<Conduction>,
 }
 
-/// What was found of the whole mesh; empty on all ranks but rank 0.
+/// Fibres and activation times of the whole mesh; empty on all ranks but rank 0.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tissue {
     /// Fibre directions at nodes, where fibres were wanted.
@@ -98,7 +98,7 @@ impl Joint for Piece<'_> {
     }
 }
 
-/// What a rank computes of a mesh, see [`Joint`].
+/// Part of a mesh that a rank computes, see [`Joint`].
 fn part_of(mesh: &TetMesh, part: &Part) -> TetMesh {
     if part.layout.neighbours.is_empty() {
         return mesh.clone();

@@ -18,14 +18,14 @@ use cardiotwin_models::contraction::{
 };
 use cardiotwin_units::Stretch;
 
-/// Where the cells' stress is taken.
+/// Stretch at which the cells' stress is taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Coupling {
-    /// At the end of the step, with the model's own answer: what the ventricle does.
+    /// At the end of the step, with the model's own answer, as in the ventricle.
     Implicit,
     /// At the stretch of the step before, `Sa + K_a (λ − λ_n)` in residual and tangent.
     Stabilised,
-    /// At the stretch of the step before, and nothing else.
+    /// At the stretch of the step before, without a correction.
     Staggered,
 }
 

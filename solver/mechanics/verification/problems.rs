@@ -16,7 +16,7 @@ use cardiotwin_mechanics::statics::{LoadSteps, StaticProblem, StaticReport, load
 
 use super::meshes::{Mesh, cuboid, disc, extrude, triangle};
 
-/// What a ventricle is made of, too.
+/// Elements of the verification, which a ventricle can have as well.
 pub type Element = ElementKind;
 
 pub const P1: Element = ElementKind::LINEAR_POINTWISE;
@@ -64,7 +64,7 @@ pub struct Problem {
     /// A point in the plane of the cavity's opening.
     pub about: [f64; 3],
     pub first_step: f64,
-    /// How many copies of the mesh make the whole body.
+    /// Number of copies of the mesh that make the whole body.
     pub copies: f64,
     /// Nodes along each direction of a mesh that is a grid, the last one the fastest.
     pub grid: Option<[usize; 3]>,
@@ -295,7 +295,7 @@ pub fn beam(n: usize, kappa_kpa: f64) -> Problem {
     }
 }
 
-/// Where the problems are probed.
+/// Points at which the problems are probed.
 pub const BEAM_TIP: [f64; 3] = [10.0, 0.5, 1.0];
 pub const APEX_ENDO: [f64; 3] = [0.0, 0.0, -17.0];
 pub const APEX_EPI: [f64; 3] = [0.0, 0.0, -20.0];

@@ -95,7 +95,7 @@ pub struct GrowingSpread {
     latest_ms: f64,
     /// Samples that are still needed, with their times.
     held: VecDeque<(f64, Vec<f64>)>,
-    /// Which sample of the beat is the first that is held.
+    /// Index in the beat of the first sample that is held.
     first: usize,
     start_ms: f64,
     interval_ms: f64,
@@ -103,7 +103,8 @@ pub struct GrowingSpread {
 }
 
 impl GrowingSpread {
-    /// Of nodes that are activated at these times \[ms\], with their weights; samples have calcium or not.
+    /// A spread of nodes that are activated at these times \[ms\], with their weights; samples have
+    /// calcium or not.
     #[must_use]
     pub fn new(activation_ms: Vec<f64>, weights: Vec<f64>, with_calcium: bool) -> Self {
         let latest_ms = activation_ms

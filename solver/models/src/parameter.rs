@@ -8,7 +8,7 @@ pub struct Parameter {
     pub symbol: &'static str,
     /// Name in files, which ends with the unit where there is one.
     pub name: &'static str,
-    /// What the equations admit.
+    /// Values that the equations admit.
     pub domain: Domain,
 }
 

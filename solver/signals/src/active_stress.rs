@@ -37,12 +37,15 @@ pub enum CellTraceError {
     },
 }
 
-/// Which of the three levels of an active stress trace were not crossed within the beat, in the order STD30, STD50, STD90.
+/// Levels of an active stress trace that were not crossed within the beat, in the order STD30,
+/// STD50, STD90.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Unreached {
-    /// Not crossed upwards before the maximum: taken at the first sample.
+    /// Whether each level was not crossed upwards before the maximum; it is then taken at the first
+    /// sample.
     pub upstroke: [bool; 3],
-    /// Not crossed downwards after the maximum: taken at the end of the beat.
+    /// Whether each level was not crossed downwards after the maximum; it is then taken at the end
+    /// of the beat.
     pub downstroke: [bool; 3],
 }
 

@@ -97,7 +97,7 @@ pub struct BeatBiomarkers {
     pub t_dpdt_min_ms: Option<f64>,
     /// Volume at the beat's last sample.
     pub v_end_ml: Option<f64>,
-    /// What the reader must know about these values.
+    /// Reservations about these values.
     pub flags: Vec<Flag>,
 }
 

@@ -3,7 +3,7 @@
 use cardiotwin_units::Ms;
 use serde::{Deserialize, Serialize};
 
-/// What comes after a trace's last sample and before its first.
+/// Continuation of a trace after its last sample and before its first.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Continuation {
@@ -53,10 +53,10 @@ pub(crate) enum Side {
     Below,
 }
 
-/// Where a limb leaves a level.
+/// Point at which a limb leaves a level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Crossing {
-    /// Its time, ms; it may lie beyond the ends of a single beat.
+    /// Time of the crossing \[ms\]; it may lie beyond the ends of a single beat.
     pub(crate) time_ms: f64,
     /// Whether the trace itself crosses there, not the limb's extension.
     pub(crate) on_trace: bool,

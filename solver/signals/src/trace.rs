@@ -185,7 +185,7 @@ impl Trace {
         Self::new(quantity, time_ms, values)
     }
 
-    /// What the trace holds.
+    /// Quantity of the trace, which gives the unit of its values.
     #[must_use]
     pub fn quantity(&self) -> Quantity {
         self.quantity

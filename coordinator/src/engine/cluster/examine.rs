@@ -9,7 +9,7 @@ use super::profile::load_site;
 use crate::dispatch::slurm::{Installed, Scheduler as _};
 use crate::engine::EngineError;
 
-/// What the profile and the site itself report.
+/// Profile and limits of a site, as the site itself reports them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SiteReport {
     /// Slurm's version and the cluster's name.

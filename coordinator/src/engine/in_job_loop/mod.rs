@@ -172,9 +172,9 @@ struct InJobLoop<'a, E, W> {
     wanted: HashMap<AttemptId, Wanted>,
     /// Running attempts, with the patients that wait for each.
     running: HashMap<AttemptId, Vec<usize>>,
-    /// What the last decision asks for.
+    /// Errands of the last decision.
     errands: Vec<Errand>,
-    /// What the last errands met: observations of the next turn.
+    /// Results of the last errands, which the next turn observes.
     met: Vec<Met>,
     /// Whether the last turn ran errands after which others may follow at once.
     has_run_errands: bool,
@@ -191,7 +191,7 @@ struct Wanted {
     patients: Vec<usize>,
 }
 
-/// What a decision asks for.
+/// An errand that a decision asks for.
 enum Errand {
     /// Take a patient of the element's list, unless another driver has it.
     Take(usize),
@@ -205,7 +205,7 @@ enum Errand {
     Stop(AttemptId),
 }
 
-/// What an errand met.
+/// Result of an errand.
 enum Met {
     /// The patient is this driver's.
     Taken(usize),
@@ -224,7 +224,7 @@ impl From<FilesSeen> for Seen {
     }
 }
 
-/// What was seen of workers, directories and signals.
+/// Observations of workers, directories and signals.
 struct Sight {
     now_ms: i64,
     stop: StopLevel,

@@ -57,7 +57,7 @@ pub struct Candidate {
     pub probability: f64,
     /// Misfit with the candidate, root of the mean square, mmHg.
     pub root_mean_square_mmhg: f64,
-    /// Its parameters: name, value and interval, in the unit of the name.
+    /// Parameters of the effect: name, value and interval, in the unit of the name.
     pub strength: Vec<(&'static str, f64, Option<[f64; 2]>)>,
     /// R1, R2 (mmHg s/mL) and C (mL/mmHg) of the refit.
     pub three: [f64; 3],
@@ -72,7 +72,7 @@ pub struct Found {
     pub effect: &'static Effect,
     /// Fall of BIC of the final model against the same model without the effect.
     pub delta_bic: f64,
-    /// Its parameters in the final model: name, value and interval.
+    /// Parameters of the effect in the final model: name, value and interval.
     pub strength: Vec<(&'static str, f64, Option<[f64; 2]>)>,
 }
 

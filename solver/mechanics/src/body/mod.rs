@@ -65,7 +65,7 @@ pub struct BodyInput<'a, const N: usize> {
     pub tissue_of: &'a [usize],
     /// Fibre frame at a point of an element (element, coordinates \[mm\]).
     pub frame: &'a dyn Fn(usize, [f64; 3]) -> Frame,
-    /// How elements resist a change of volume.
+    /// Resistance of the elements to a change of volume.
     pub volume: VolumeChange,
     /// Nodes that this rank owns, and its neighbours.
     pub layout: Layout,

@@ -31,7 +31,7 @@ pub struct Batch<const N: usize, const Q: usize> {
     pub points: [Point<N>; Q],
 }
 
-/// Why an element cannot be integrated.
+/// Reasons why an element cannot be integrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ElementError {
     /// The element's reference volume is not positive.

@@ -21,7 +21,7 @@ use crate::element::quadratic::QuadraticMesh;
 pub struct ElementKind {
     /// Whether the tetrahedra are quadratic (ten nodes, straight edges) rather than linear.
     pub quadratic: bool,
-    /// How elements resist a change of volume.
+    /// Resistance of the elements to a change of volume.
     pub volume: VolumeChange,
 }
 

@@ -69,7 +69,7 @@ impl std::fmt::Debug for Problem<'_> {
     }
 }
 
-/// Why a problem cannot be set up.
+/// Reasons why a problem cannot be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ProblemError {
     /// An element or tissue is invalid.
@@ -96,7 +96,8 @@ pub enum ProblemError {
         probe: usize,
         /// Position of the probe \[mm\].
         at: [f64; 3],
-        /// Its smallest barycentric coordinate, which is negative outside of every element.
+        /// Smallest barycentric coordinate of the probe in the nearest element; it is negative
+        /// outside.
         outside: f64,
     },
 }

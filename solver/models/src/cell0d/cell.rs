@@ -9,7 +9,7 @@ use cardiotwin_vector_math::Number;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Where the cell's calcium comes from: step 2's `calcium = "rice"` or `"median-trace"`.
+/// Source of the cell's calcium: step 2's `calcium = "rice"` or `"median-trace"`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CalciumInput {
     /// Rice's transient with these parameters.

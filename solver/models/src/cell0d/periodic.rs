@@ -121,7 +121,8 @@ fn norm(change: &Vector) -> f64 {
     change.iter().fold(0.0, |largest, x| largest.max(x.abs()))
 }
 
-/// Where changes shrink slowly and alike, the limit of their geometric series; `None` where waiting is as good.
+/// Limit of the geometric series of changes that shrink slowly and alike; `None` where waiting is
+/// as good.
 fn extrapolate(
     system: &System<'_>,
     end: &Vector,

@@ -38,8 +38,9 @@ pub struct NodeStep {
 pub struct ActiveStress {
     /// Active stress along the fibre \[kPa\].
     pub sa_kpa: f64,
-    /// Its total derivative with respect to the candidate stretch \[kPa\], the state's own answer included: what Newton
-    /// needs, and what makes a rate-dependent model stable in a staggered or monolithic step.
+    /// Total derivative of the stress with respect to the candidate stretch \[kPa\], including the
+    /// answer of the model's states. Newton's method needs it, and it makes a rate-dependent model
+    /// stable in a staggered or monolithic step.
     pub dsa_dlambda_kpa: f64,
 }
 

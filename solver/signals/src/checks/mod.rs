@@ -1,7 +1,9 @@
-//! Checks of measured data: what a trace says against what the patient's file says, and against what a left ventricle
-//! can do at all. Thresholds are ours and wide: they find a wrong unit, file or cycle, not an unusual heart.
+//! Checks of a trace against the numbers of the patient's file, and against the limits of any left
+//! ventricle. Thresholds are ours and wide: they find a wrong unit, file or cycle, not an unusual
+//! heart.
 //!
-//! What a single file shows by itself (header, cells, order of times, gaps) is found by [`crate::read`].
+//! Defects that a single file shows by itself (header, cells, order of times, gaps) are found by
+//! [`crate::read`].
 
 mod coverage;
 mod pressure_volume;
@@ -18,7 +20,7 @@ use std::path::Path;
 pub struct Source<'a> {
     /// File named in problems.
     pub file: &'a Path,
-    /// What was read from it.
+    /// Trace that was read from the file.
     pub trace: &'a Trace,
 }
 

@@ -285,7 +285,7 @@ impl Lab {
         self.slurm.faults.lock().unwrap().push((program, fault));
     }
 
-    /// How often this program was run.
+    /// Number of times that this program was run.
     pub fn n_asked(&self, program: &str) -> usize {
         let asked = self.slurm.asked.lock().unwrap();
         asked.iter().filter(|p| **p == program).count()

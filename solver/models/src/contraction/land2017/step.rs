@@ -23,7 +23,7 @@ const LANES: usize = 16;
 /// States of a node.
 const N: usize = 6;
 
-/// What all nodes of a step share.
+/// Values that all nodes of a step share.
 #[derive(Clone, Copy)]
 struct Shared {
     cell: Land2017,
