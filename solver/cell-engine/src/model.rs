@@ -224,7 +224,7 @@ pub fn active_stress<const FMA: bool>(p: &Constants, x: &State, low: f64) -> f64
 /// Values that a plot needs at one time: stress, stretch and their rates.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Slopes {
-    /// Active stress \[kPa\].
+    /// Active stress at this time \[kPa\].
     pub sa: f64,
     /// Rate of the active stress \[kPa/ms\].
     pub dsa: f64,

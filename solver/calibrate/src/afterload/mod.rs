@@ -108,7 +108,7 @@ pub enum AfterloadError {
     /// The confidence level is not between 0 and 1.
     #[error("the confidence level is {level}, but must be above 0 and below 1")]
     Confidence {
-        /// Confidence level given.
+        /// Confidence level that was given.
         level: f64,
     },
     /// The least-squares solver rejects its start.
