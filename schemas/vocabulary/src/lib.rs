@@ -9,6 +9,7 @@ pub mod biomarkers;
 pub mod cell;
 pub mod circulation;
 pub mod failure_cause;
+pub mod fibres;
 pub mod findings;
 pub mod label;
 pub mod passive_law;
