@@ -21,8 +21,9 @@ mod simulate;
 #[cfg(test)]
 mod tests;
 
+pub use cardiotwin_vocabulary::circulation::CuffPressures;
 pub use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
-pub use cuff::{CUFF_SD_MMHG, Cuff, CuffFit, USUAL_SHARE, fit_cuff};
+pub use cuff::{CUFF_SD_MMHG, CuffFit, USUAL_SHARE, fit_cuff};
 pub use discover::{
     Candidate, Confusable, Discovery, DiscoverySettings, Found, Gap, Stage, discover,
 };
