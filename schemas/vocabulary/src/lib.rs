@@ -17,3 +17,4 @@ pub mod ranges;
 pub mod statistics;
 pub mod step1;
 pub mod step1_settings;
+pub mod step2_settings;
