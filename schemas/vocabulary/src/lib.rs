@@ -11,6 +11,7 @@ pub mod circulation;
 pub mod failure_cause;
 pub mod fibres;
 pub mod findings;
+pub mod fits;
 pub mod label;
 pub mod motion;
 pub mod passive_law;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::afterload::{
-    self, CuffPressures, Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
+    CuffPressures, Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
 };
 use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadQuantity, Determined};
 use cardiotwin_schemas::organ::WindkesselParameters;
@@ -299,11 +299,6 @@ fn quantity(name: &str, estimate: &Estimate) -> AfterloadQuantity {
         upper,
         determined,
     } = *estimate;
-    let determined = match determined {
-        afterload::Determined::Well => Determined::Well,
-        afterload::Determined::Poorly => Determined::Poorly,
-        afterload::Determined::Not => Determined::Not,
-    };
     AfterloadQuantity {
         name: name.to_owned(),
         value,
