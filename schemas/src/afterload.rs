@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::fits::Determined;
 pub use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
 
 use crate::organ::{EffectSpec, WindkesselParameters};
@@ -128,18 +129,6 @@ pub struct AfterloadQuantity {
     pub upper: Option<f64>,
     /// How well the record determines the quantity.
     pub determined: Determined,
-}
-
-/// How well a record determines a quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Determined {
-    /// The interval's half width is at most 30 % of the value.
-    Well,
-    /// The half width is more than 30 % of the value.
-    Poorly,
-    /// The interval has only one end or none.
-    Not,
 }
 
 /// Result of `cardiotwin discover --afterload --json`: effects in a record that a three-element

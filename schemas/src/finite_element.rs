@@ -10,6 +10,8 @@ use crate::muscle::{ActiveConvention, HolzapfelOgden, MuscleLaw, PassiveTissues}
 use crate::organ::EffectSpec;
 use crate::task::InputFile;
 
+pub use cardiotwin_vocabulary::fibres::FibreAngles;
+
 /// Effects of a patient's model that change the passive law. Step 0 needs them because it fits the
 /// scale of that law.
 pub const EFFECTS_OF_THE_PASSIVE_LAW: [&str; 1] = ["passive_stiffening"];
@@ -201,35 +203,6 @@ impl Default for WallSettings {
     }
 }
 
-/// Angles of the Laplace-Dirichlet fibre rule (Bayer et al. 2012).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct FibreSettings {
-    /// Fibre angle at the endocardium.
-    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
-    pub alpha_endo_deg: f64,
-    /// Fibre angle at the epicardium.
-    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
-    pub alpha_epi_deg: f64,
-    /// Sheet angle at the endocardium.
-    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
-    pub beta_endo_deg: f64,
-    /// Sheet angle at the epicardium.
-    #[schemars(extend("minimum" = -90.0, "maximum" = 90.0))]
-    pub beta_epi_deg: f64,
-}
-
-impl Default for FibreSettings {
-    fn default() -> Self {
-        Self {
-            alpha_endo_deg: 60.0,
-            alpha_epi_deg: -60.0,
-            beta_endo_deg: -65.0,
-            beta_epi_deg: 25.0,
-        }
-    }
-}
-
 /// Conduction velocities of the eikonal activation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -315,7 +288,7 @@ pub struct FiniteElementSettings {
     /// Material, supports and damping of the wall.
     pub wall: WallSettings,
     /// Angles of the fibres.
-    pub fibres: FibreSettings,
+    pub fibres: FibreAngles,
     /// Conduction velocities of the activation.
     pub conduction: ConductionSettings,
     /// Whether transmembrane potentials are computed besides the activation times.
@@ -338,7 +311,7 @@ impl Default for FiniteElementSettings {
             linear_solver: LinearSolver::default(),
             diastolic_step_ms: 0.0,
             wall: WallSettings::default(),
-            fibres: FibreSettings::default(),
+            fibres: FibreAngles::default(),
             conduction: ConductionSettings::default(),
             ep: Electrophysiology::default(),
         }
@@ -393,7 +366,7 @@ pub struct AnatomySpec {
     /// Material, supports and damping of the wall.
     pub wall: WallSettings,
     /// Angles of the fibres.
-    pub fibres: FibreSettings,
+    pub fibres: FibreAngles,
     /// Conduction velocities of the activation.
     pub conduction: ConductionSettings,
     /// Effects of the patient's model that change the passive law, such as `passive_stiffening`.

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::fits::TimeConstants;
+
 /// Result of `cardiotwin fit calcium --json`: Rice's calcium (docs/models.md) fitted to a measured
 /// transient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -66,19 +68,6 @@ pub struct FittedQuantity {
     /// Upper end of the interval from the profile likelihood; absent if the trace does not bound
     /// it.
     pub upper: Option<f64>,
-}
-
-/// Information of a trace about two time constants that can be exchanged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum TimeConstants {
-    /// Two different time constants; equal ones do not fit.
-    Distinct,
-    /// Two different time constants fit best, but equal ones fit as well within the confidence
-    /// level.
-    Indistinct,
-    /// Equal time constants fit best.
-    Equal,
 }
 
 /// Tables for `cohort.toml`, as text.

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::patient::Preload;
 
+pub use cardiotwin_vocabulary::circulation::CuffPressures;
+
 /// A folder of recordings. All tables and keys are optional: files have default names, and steps
 /// have default settings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -26,7 +28,7 @@ pub struct RawFile {
     pub whole_heart: Option<RawImage>,
     /// Arm cuff pressures.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub cuff: Option<RawCuff>,
+    pub cuff: Option<CuffPressures>,
     /// Size of the wall.
     pub anatomy: RawAnatomy,
     /// Filling pressure, which is copied to the patient file unchanged.
@@ -163,24 +165,6 @@ pub struct RawImage {
     /// Standard deviation of the volume.
     #[serde(rename = "sd_mL", default, skip_serializing_if = "Option::is_none")]
     pub sd_ml: Option<f64>,
-}
-
-/// Arm cuff pressures.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct RawCuff {
-    /// Systolic pressure.
-    #[serde(rename = "systolic_mmHg")]
-    pub systolic_mmhg: f64,
-    /// Diastolic pressure.
-    #[serde(rename = "diastolic_mmHg")]
-    pub diastolic_mmhg: f64,
-    /// Mean pressure, if the device measures it.
-    #[serde(rename = "mean_mmHg", default, skip_serializing_if = "Option::is_none")]
-    pub mean_mmhg: Option<f64>,
-    /// Standard deviation of each pressure.
-    #[serde(rename = "sd_mmHg", default, skip_serializing_if = "Option::is_none")]
-    pub sd_mmhg: Option<f64>,
 }
 
 /// Size of the wall.

@@ -19,6 +19,7 @@ use crate::step3::Step3Settings;
 use crate::verdict::TwinTolerances;
 
 pub use cardiotwin_vocabulary::step1_settings::{Step1Settings, StopRule, Update};
+pub use cardiotwin_vocabulary::step2_settings::Updating;
 
 /// All settings of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -178,16 +179,6 @@ impl Default for ActivationSettings {
             onset_ms: None,
         }
     }
-}
-
-/// Population from which the trial vectors of a generation are made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Updating {
-    /// Each generation is computed as one batch from the previous population.
-    Deferred,
-    /// Each success takes effect immediately, as by default in SciPy. This is the reference mode.
-    Immediate,
 }
 
 /// Source of the calcium transient in step 2.

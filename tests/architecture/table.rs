@@ -50,7 +50,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "mesh",
-        may: &["units", "linalg"],
+        may: &["vocabulary", "units", "linalg"],
         why: "a mesh knows no material, load or task, so any solver can stand on it",
     },
     Rule {

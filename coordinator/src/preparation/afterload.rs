@@ -2,7 +2,7 @@
 //! measured flow or the fall of the volume in ejection.
 
 use cardiotwin_calibrate::afterload::{
-    Cuff, CuffFit, Record, Start, WindkesselFit, WindkesselFitSettings, ejected, fit_cuff,
+    CuffFit, CuffPressures, Record, Start, WindkesselFit, WindkesselFitSettings, ejected, fit_cuff,
     fit_windkessel,
 };
 use cardiotwin_recordings::prepare::Prepared;
@@ -110,7 +110,7 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
     let Some((systolic_mmhg, diastolic_mmhg, sd_mmhg, _)) = facts.aortic else {
         return Load::Lacking("neither an aortic pressure nor a cuff pressure");
     };
-    let cuff = Cuff {
+    let cuff = CuffPressures {
         systolic_mmhg,
         diastolic_mmhg,
         mean_mmhg: facts.mean_aortic_mmhg,

@@ -10,8 +10,8 @@ pub use cell::{CellTiming, cell};
 pub use strategies::{Case, Comparison, Row, cases, strategies};
 pub use triad::triad_gb_per_s;
 pub use ventricle::{
-    BeatBiomarkers, BenchError, Element, NsPerTet, OfRank, Ranks, SecondsPerPhase, Shortcut,
-    Shortcuts, VentricleBench, VentricleTiming, follow, shortcuts, text_of, ventricle,
+    BenchError, Element, NsPerTet, OfRank, Ranks, SecondsPerPhase, Shortcut, Shortcuts,
+    VentricleBench, VentricleTiming, follow, shortcuts, text_of, ventricle,
 };
 
 use std::time::{Duration, Instant};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, rule};
+use cardiotwin_mesh::fibres::{FibreAngles, Longitudinal, fields, rule};
 use cardiotwin_mesh::files;
 use cardiotwin_mesh::joint::Alone;
 use cardiotwin_mesh::refine::halve_edges;
@@ -376,7 +376,7 @@ fn fibres(file: &Path, parsed: &CaseFile, mesh: &TetMesh) -> Result<FrameAt, Cas
             let mut tags = mesh.tags.clone();
             tags.sort_unstable();
             tags.dedup();
-            let angles = Angles {
+            let angles = FibreAngles {
                 alpha_endo_deg: alpha_deg[0],
                 alpha_epi_deg: alpha_deg[1],
                 beta_endo_deg: beta_deg[0],

@@ -1,4 +1,4 @@
-//! Parameters of the circulation.
+//! Parameters of the circulation and pressures measured on it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,4 +16,22 @@ pub struct WindkesselParameters {
     /// Compliance C.
     #[serde(rename = "compliance_mL_per_mmHg")]
     pub compliance_ml_per_mmhg: f64,
+}
+
+/// Arm cuff pressures.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CuffPressures {
+    /// Systolic pressure.
+    #[serde(rename = "systolic_mmHg")]
+    pub systolic_mmhg: f64,
+    /// Diastolic pressure.
+    #[serde(rename = "diastolic_mmHg")]
+    pub diastolic_mmhg: f64,
+    /// Mean pressure, if the device measures it.
+    #[serde(rename = "mean_mmHg", default, skip_serializing_if = "Option::is_none")]
+    pub mean_mmhg: Option<f64>,
+    /// Standard deviation of each pressure.
+    #[serde(rename = "sd_mmHg", default, skip_serializing_if = "Option::is_none")]
+    pub sd_mmhg: Option<f64>,
 }

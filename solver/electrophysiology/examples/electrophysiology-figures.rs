@@ -14,7 +14,7 @@ use cardiotwin_electrophysiology::{
 };
 use cardiotwin_mesh::eikonal::{Conduction, Site, Speeds, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_units::{Ml, Ms};
 use std::fmt::Write as _;
@@ -226,7 +226,7 @@ fn heart(n_nodes: usize) -> Result<(TetMesh, Vec<f64>), Failure> {
     let made = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), n_nodes))?;
     let mut mesh = made.mesh;
     let muscle = &[tags::LEFT_VENTRICLE];
-    make(&mut mesh, muscle, &Angles::default())?;
+    make(&mut mesh, muscle, &FibreAngles::default())?;
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction)?;
     Ok((mesh, times))

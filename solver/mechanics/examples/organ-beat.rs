@@ -21,7 +21,7 @@ use cardiotwin_mechanics::organ::{
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
@@ -77,10 +77,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     make(
         &mut mesh,
         &muscle,
-        &Angles {
+        &FibreAngles {
             alpha_endo_deg: turn,
             alpha_epi_deg: -turn,
-            ..Angles::default()
+            ..FibreAngles::default()
         },
     )?;
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());

@@ -11,7 +11,7 @@ use cardiotwin_mechanics::organ::{
     Anatomy, ElementKind, PassiveFit, Piece, Search, UnloadingSettings, WallParameters,
 };
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::tags;
 use cardiotwin_units::{MMHG_PER_KPA, Ml};
 
@@ -51,10 +51,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         make(
             &mut mesh,
             &[tags::LEFT_VENTRICLE],
-            &Angles {
+            &FibreAngles {
                 alpha_endo_deg: turn,
                 alpha_epi_deg: -turn,
-                ..Angles::default()
+                ..FibreAngles::default()
             },
         )?;
         let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], ElementKind::LINEAR_NODAL)?;

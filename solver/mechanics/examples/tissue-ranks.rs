@@ -9,7 +9,7 @@ use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::tissue::{Tissue, TissueJob};
 use cardiotwin_mesh::eikonal::Conduction;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::Angles;
+use cardiotwin_mesh::fibres::FibreAngles;
 use cardiotwin_mesh::tags;
 use cardiotwin_units::Ml;
 
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let made = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), *n_nodes))?;
     let job = TissueJob {
         muscle: vec![tags::LEFT_VENTRICLE],
-        fibres: Some(Angles::default()),
+        fibres: Some(FibreAngles::default()),
         conduction: Some(Conduction::of_left_ventricle(&made.shape.fascicles())),
     };
     println!(

@@ -10,7 +10,7 @@ use cardiotwin_mechanics::material::{ActiveLaw, Tissue, Volumetric, VolumetricLa
 use cardiotwin_mechanics::organ::{Anatomy, ElementKind, WallParameters};
 use cardiotwin_mechanics::statics::LoadSteps;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::surface_names;
 use cardiotwin_units::Ml;
@@ -33,7 +33,7 @@ fn spread(x: &[f64]) -> f64 {
 fn ventricle(n_nodes: usize, pressure_kpa: f64, active_kpa: f64) -> Problem {
     let made = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), n_nodes)).expect("a ventricle");
     let mut mesh = made.mesh;
-    make(&mut mesh, &[tags::LEFT_VENTRICLE], &Angles::default()).expect("fibres");
+    make(&mut mesh, &[tags::LEFT_VENTRICLE], &FibreAngles::default()).expect("fibres");
     let anatomy =
         Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], ElementKind::LINEAR_NODAL).expect("an anatomy");
     let axis = anatomy.axis;

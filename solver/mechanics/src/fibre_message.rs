@@ -1,6 +1,6 @@
 //! Fibre directions at nodes in a message.
 
-use cardiotwin_mesh::fibres::Angles;
+use cardiotwin_mesh::fibres::FibreAngles;
 use cardiotwin_mesh::node_fibres::WallPoint;
 use cardiotwin_mesh::{Frame, NodeFibres};
 
@@ -28,7 +28,7 @@ pub fn wall_of([a, b, c, d, e, f, depth]: [f64; WALL_WIDTH]) -> WallPoint {
 
 /// Angles of the rule as numbers.
 #[must_use]
-pub fn angle_numbers(a: &Angles) -> [f64; 4] {
+pub fn angle_numbers(a: &FibreAngles) -> [f64; 4] {
     [
         a.alpha_endo_deg,
         a.alpha_epi_deg,
@@ -39,11 +39,11 @@ pub fn angle_numbers(a: &Angles) -> [f64; 4] {
 
 /// Angles of the rule; `None` for another count of numbers.
 #[must_use]
-pub fn angles_of(numbers: &[f64]) -> Option<Angles> {
+pub fn angles_of(numbers: &[f64]) -> Option<FibreAngles> {
     let [alpha_endo_deg, alpha_epi_deg, beta_endo_deg, beta_epi_deg] = *numbers else {
         return None;
     };
-    Some(Angles {
+    Some(FibreAngles {
         alpha_endo_deg,
         alpha_epi_deg,
         beta_endo_deg,

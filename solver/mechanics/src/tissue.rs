@@ -11,7 +11,7 @@ use cardiotwin_linalg::parallel::{
 };
 use cardiotwin_mesh::eikonal::{Conduction, EikonalError, Site, Speeds, activation_of_part};
 use cardiotwin_mesh::fibres::{
-    Angles, Longitudinal, fields_of_part, frames_at_centroids, rule_of_part,
+    FibreAngles, Longitudinal, fields_of_part, frames_at_centroids, rule_of_part,
 };
 use cardiotwin_mesh::joint::Joint;
 use cardiotwin_mesh::laplace::LaplaceError;
@@ -46,9 +46,9 @@ pub enum TissueError {
 pub struct TissueJob {
     /// Tags of the elements that are muscle.
     pub muscle: Vec<i32>,
-    /// Angles of the fibres; `None` where the mesh has frames.
-    pub fibres: Option<Angles>,
-    /// Spread of the activation; `None` where no times are wanted.
+    /// Angles of the fibres; none where the mesh has frames.
+    pub fibres: Option<FibreAngles>,
+    /// How activation spreads; none where no times are wanted.
     pub conduction: Option<Conduction>,
 }
 

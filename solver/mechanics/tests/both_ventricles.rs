@@ -11,7 +11,7 @@ use cardiotwin_mechanics::organ::{
     WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::files::{LengthUnit, carp};
 use cardiotwin_mesh::tet_mesh::surface_names;
 use cardiotwin_mesh::{Surface, TetMesh, tags};
@@ -35,7 +35,7 @@ fn both_ventricles() -> TetMesh {
     for tag in mesh.tags.iter_mut().filter(|tag| **tag == 2) {
         *tag = tags::BESIDE;
     }
-    make(&mut mesh, &MUSCLE, &Angles::default()).expect("fields");
+    make(&mut mesh, &MUSCLE, &FibreAngles::default()).expect("fields");
     mesh
 }
 

@@ -14,7 +14,7 @@ use cardiotwin_mechanics::organ::{
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::NodeFibres;
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, Beats, run_beats};
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
@@ -146,7 +146,7 @@ fn an_unloaded_geometry_inflates_to_the_image_within_step_0s_tolerances() {
         ..EllipsoidSpec::new(Ml(84.0), Ml(61.0), 500)
     };
     let mut thin = generate(&soft).expect("a mesh").mesh;
-    make(&mut thin, &MUSCLE, &Angles::default()).expect("fields");
+    make(&mut thin, &MUSCLE, &FibreAngles::default()).expect("fields");
     let default = WallParameters::default().muscle;
     let cases = [
         (heart().0, default, 0.8),

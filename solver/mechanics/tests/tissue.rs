@@ -4,7 +4,7 @@ use cardiotwin_linalg::parallel::{Communicator as _, ThreadSettings, on_threads}
 use cardiotwin_mechanics::tissue::{FEWEST_NODES, Tissue, TissueError, TissueJob, serve};
 use cardiotwin_mesh::eikonal::{Conduction, EikonalError, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, Longitudinal, fields, frames_at_centroids, rule};
+use cardiotwin_mesh::fibres::{FibreAngles, Longitudinal, fields, frames_at_centroids, rule};
 use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_units::Ml;
 
@@ -18,7 +18,7 @@ fn ventricle() -> (TetMesh, TissueJob) {
         made.mesh,
         TissueJob {
             muscle: MUSCLE.to_vec(),
-            fibres: Some(Angles::default()),
+            fibres: Some(FibreAngles::default()),
             conduction: Some(conduction),
         },
     )
@@ -46,7 +46,7 @@ fn fibres_are_the_same_to_the_bit_and_times_to_round_off_on_any_number_of_ranks(
     let (mut mesh, job) = ventricle();
     // The code for a whole mesh.
     let found = fields(&mesh, &MUSCLE, Longitudinal::FromBase).expect("fields");
-    let want = rule(&mesh, &MUSCLE, &found, &Angles::default());
+    let want = rule(&mesh, &MUSCLE, &found, &FibreAngles::default());
     let bare = mesh.clone();
     mesh.fibres.clone_from(&want);
     mesh.frames = frames_at_centroids(&mesh, &MUSCLE);

@@ -2,7 +2,7 @@
 
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::order::{Renumbering, bandwidth};
 use cardiotwin_mesh::partition::{CoordinateBisection, Partitioner, figures};
 use cardiotwin_mesh::quality::Quality;
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut mesh = made.mesh;
         let q = Quality::of(&mesh);
         let begun = Instant::now();
-        make(&mut mesh, muscle, &Angles::default())?;
+        make(&mut mesh, muscle, &FibreAngles::default())?;
         let ruling = begun.elapsed().as_secs_f64();
         let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
         let begun = Instant::now();

@@ -11,34 +11,7 @@ use crate::node_fibres::{NodeFibres, WallPoint};
 use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names, tags};
 use crate::vec3::{Vec3, add, axpy, norm, reject, scale, unit};
 
-/// Angles of the rule \[degrees\].
-///
-/// α turns the fibre from the circumferential direction (counter-clockwise as seen from the base)
-/// towards the base. β then turns the sheet around the fibre, starting from the transmural
-/// direction.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Angles {
-    /// α at the endocardium.
-    pub alpha_endo_deg: f64,
-    /// α at the epicardium.
-    pub alpha_epi_deg: f64,
-    /// β at the endocardium.
-    pub beta_endo_deg: f64,
-    /// β at the epicardium.
-    pub beta_epi_deg: f64,
-}
-
-impl Default for Angles {
-    /// α from +60 to −60, β from −65 to +25 (β as in Bayer 2012).
-    fn default() -> Self {
-        Self {
-            alpha_endo_deg: 60.0,
-            alpha_epi_deg: -60.0,
-            beta_endo_deg: -65.0,
-            beta_epi_deg: 25.0,
-        }
-    }
-}
+pub use cardiotwin_vocabulary::fibres::FibreAngles;
 
 /// Definition of the direction from apex to base.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -204,7 +177,11 @@ fn depth_of_part(
 ///
 /// # Errors
 /// Same as for [`fields`].
-pub fn make(mesh: &mut TetMesh, muscle_tags: &[i32], angles: &Angles) -> Result<(), LaplaceError> {
+pub fn make(
+    mesh: &mut TetMesh,
+    muscle_tags: &[i32],
+    angles: &FibreAngles,
+) -> Result<(), LaplaceError> {
     let fields = fields(mesh, muscle_tags, Longitudinal::FromBase)?;
     mesh.fibres = rule(mesh, muscle_tags, &fields, angles);
     mesh.frames = frames_at_centroids(mesh, muscle_tags);
@@ -229,7 +206,12 @@ pub fn frames_at_centroids(mesh: &TetMesh, muscle_tags: &[i32]) -> Vec<Frame> {
 
 /// Frames of the elements by the rule, at their centroids; zeros in elements other than muscle.
 #[must_use]
-pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> Vec<Frame> {
+pub fn frames(
+    mesh: &TetMesh,
+    muscle_tags: &[i32],
+    fields: &Fields,
+    angles: &FibreAngles,
+) -> Vec<Frame> {
     let fibres = rule(mesh, muscle_tags, fields, angles);
     frames_at_centroids(
         &TetMesh {
@@ -242,7 +224,12 @@ pub fn frames(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Ang
 
 /// Nodal directions by the rule.
 #[must_use]
-pub fn rule(mesh: &TetMesh, muscle_tags: &[i32], fields: &Fields, angles: &Angles) -> NodeFibres {
+pub fn rule(
+    mesh: &TetMesh,
+    muscle_tags: &[i32],
+    fields: &Fields,
+    angles: &FibreAngles,
+) -> NodeFibres {
     rule_of_part(mesh, &Alone(mesh.n_nodes()), muscle_tags, fields, angles)
 }
 
@@ -257,7 +244,7 @@ pub fn rule_of_part(
     joint: &dyn Joint,
     muscle_tags: &[i32],
     fields: &Fields,
-    angles: &Angles,
+    angles: &FibreAngles,
 ) -> NodeFibres {
     let muscle = |e: usize| muscle_tags.contains(&mesh.tags[e]);
     let transmural = directions(mesh, joint, &fields.depth, &muscle);

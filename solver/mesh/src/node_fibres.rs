@@ -3,7 +3,7 @@
 //! Fibres turn by 120° across the wall. With one direction per element, the field is a staircase;
 //! with nodal directions, each integration point has its own direction.
 
-use crate::fibres::{Angles, turned};
+use crate::fibres::{FibreAngles, turned};
 use crate::tet_mesh::Frame;
 use crate::vec3::{Vec3, any_perpendicular, axpy, cross, dot, reject, scale, unit};
 
@@ -33,7 +33,7 @@ pub enum NodeFibres {
         /// Directions and depth at each node.
         walls: Vec<WallPoint>,
         /// Angles of the rule.
-        angles: Angles,
+        angles: FibreAngles,
     },
 }
 
@@ -132,7 +132,7 @@ impl NodeFibres {
 }
 
 /// Fibre, sheet and normal for directions of the wall, which may have any length.
-fn turned_wall(out: Vec3, up: Vec3, depth: f64, angles: &Angles) -> Frame {
+fn turned_wall(out: Vec3, up: Vec3, depth: f64, angles: &FibreAngles) -> Frame {
     let out = unit(out).unwrap_or([0.0, 0.0, 1.0]);
     let up = unit(reject(up, out)).unwrap_or_else(|| any_perpendicular(out));
     let around = cross(up, out);
@@ -213,10 +213,10 @@ mod tests {
             up: [0.0, 1.0, 0.0],
             depth,
         };
-        let angles = Angles {
+        let angles = FibreAngles {
             beta_endo_deg: 0.0,
             beta_epi_deg: 0.0,
-            ..Angles::default()
+            ..FibreAngles::default()
         };
         let field = NodeFibres::Rule {
             walls: vec![wall(0.0), wall(0.0), wall(0.0), wall(1.0)],
@@ -242,7 +242,7 @@ mod tests {
         };
         let field = NodeFibres::Rule {
             walls: vec![wall(0.0), wall(0.2), wall(0.4), wall(1.0)],
-            angles: Angles::default(),
+            angles: FibreAngles::default(),
         };
         let reversed = field.at([3, 2, 1, 0].into_iter());
         let l = [0.1, 0.2, 0.3, 0.4];

@@ -127,24 +127,9 @@ impl Motion {
             end_systole_ms: times.t5_ms?,
             filling_ms: times.t6_ms,
         };
-        let found = self.series.measures(&phases, &traces.time_ms);
-        Some(MotionMeasures {
-            base_descent_mm: found.base_descent_mm,
-            apex_rise_mm: found.apex_rise_mm,
-            epicardial_radius_change_percent: found.epicardial_radius_change_percent,
-            shortening_percent: found.shortening_percent,
-            wall_thickening_percent: found.wall_thickening_percent,
-            twist_epi_deg: found.twist_epi_deg,
-            twist_endo_deg: found.twist_endo_deg,
-            isovolumic_lengthening_percent: found.isovolumic_lengthening_percent,
-            isovolumic_untwisting_percent: found.isovolumic_untwisting_percent,
-            least_pressure_mmhg: traces
-                .pressure_mmhg
-                .iter()
-                .copied()
-                .fold(f64::INFINITY, f64::min),
-            least_volume_ratio: found.least_volume_ratio,
-            largest_volume_ratio: found.largest_volume_ratio,
-        })
+        Some(
+            self.series
+                .measures(&phases, &traces.time_ms, &traces.pressure_mmhg),
+        )
     }
 }

@@ -8,12 +8,12 @@ use cardiotwin_mechanics::organ::{FiniteElementVentricle, Kernel, RankFigures};
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_observed};
 use cardiotwin_models::circulation::{Circulation, LeftHeart};
+use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_units::{Mmhg, Ms};
 
 use super::subject::Subject;
 use super::{
-    BeatBiomarkers, BenchError, NsPerTet, OfRank, SecondsPerPhase, VentricleBench, VentricleTiming,
-    failed,
+    BenchError, NsPerTet, OfRank, SecondsPerPhase, VentricleBench, VentricleTiming, failed,
 };
 use crate::kernels::{processor, triad::triad_gb_per_s};
 use cardiotwin_worker::process::{cpu_s, forget_peak_memory, peak_memory_mb};
@@ -58,7 +58,7 @@ pub(super) struct Beat {
     pub steps_cut: usize,
     pub diverged: Option<String>,
     pub failed_checks: Vec<String>,
-    pub biomarkers: BeatBiomarkers,
+    pub biomarkers: Biomarkers,
     pub of_ranks: Vec<RankFigures>,
 }
 
@@ -149,7 +149,7 @@ pub(super) fn beat(
         steps_cut: work.n_cut,
         diverged,
         failed_checks,
-        biomarkers: biomarkers(&traces),
+        biomarkers: simulated_biomarkers(&traces, None).unwrap_or_default(),
         of_ranks,
     })
 }
@@ -290,19 +290,6 @@ pub(super) fn anew() -> f64 {
     let before_mb = peak_memory_mb();
     forget_peak_memory();
     before_mb
-}
-
-fn biomarkers(traces: &BeatTraces) -> BeatBiomarkers {
-    simulated_biomarkers(traces, None).map_or_else(
-        |_| BeatBiomarkers::default(),
-        |set| BeatBiomarkers {
-            P_max_mmHg: set.p_max_mmhg,
-            PTD90_ms: set.ptd90_ms,
-            dPdt_max_mmHg_per_ms: set.dpdt_max_mmhg_per_ms,
-            dPdt_min_mmHg_per_ms: set.dpdt_min_mmhg_per_ms,
-            SV_mL: set.sv_ml,
-        },
-    )
 }
 
 /// Time of the fastest of several calls in seconds, because interruptions only ever add time. One

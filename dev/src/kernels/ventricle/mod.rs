@@ -8,8 +8,9 @@ use std::fmt;
 
 use cardiotwin_mechanics::organ::{FiniteElementVentricle, RankFigures};
 use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_units::Ms;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 pub use measure::Ranks;
 pub use shortcuts::{Shortcut, Shortcuts, shortcuts};
@@ -70,20 +71,18 @@ pub struct SecondsPerPhase {
     pub relaxation: f64,
 }
 
-/// Biomarkers of the beat.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-#[expect(non_snake_case, reason = "the field's names")]
-pub struct BeatBiomarkers {
-    /// Largest cavity pressure \[mmHg\].
-    pub P_max_mmHg: Option<f64>,
-    /// Width of the pressure pulse at 10 % of its height \[ms\].
-    pub PTD90_ms: Option<f64>,
-    /// Largest slope of the pressure \[mmHg/ms\].
-    pub dPdt_max_mmHg_per_ms: Option<f64>,
-    /// Smallest (most negative) slope of the pressure \[mmHg/ms\].
-    pub dPdt_min_mmHg_per_ms: Option<f64>,
-    /// Stroke volume: largest minus smallest cavity volume \[mL\].
-    pub SV_mL: Option<f64>,
+/// Biomarkers that the benchmark reports, in the order of its rows.
+const REPORTED: [Biomarker; 5] = [
+    Biomarker::PMax,
+    Biomarker::Ptd90,
+    Biomarker::DpdtMax,
+    Biomarker::DpdtMin,
+    Biomarker::Sv,
+];
+
+/// Writes the biomarkers of [`REPORTED`]; one that the beat does not have is null.
+fn reported<S: Serializer>(found: &Biomarkers, to: S) -> Result<S::Ok, S::Error> {
+    to.collect_map(REPORTED.map(|biomarker| (biomarker.key(), found.get(biomarker))))
 }
 
 /// A rank's part of the mesh and of the communication.
@@ -191,7 +190,8 @@ pub struct VentricleTiming {
     /// Mesh part and communication of each rank.
     pub ranks: Vec<OfRank>,
     /// Biomarkers of the beat.
-    pub biomarkers: BeatBiomarkers,
+    #[serde(serialize_with = "reported")]
+    pub biomarkers: Biomarkers,
     /// Model name of the processor.
     pub processor: String,
 }
@@ -371,11 +371,11 @@ impl fmt::Display for VentricleTiming {
         write!(
             f,
             "P_max {} mmHg, PTD90 {} ms, dPdt_max {} and dPdt_min {} mmHg/ms, SV {} mL",
-            shown(found.P_max_mmHg),
-            shown(found.PTD90_ms),
-            shown(found.dPdt_max_mmHg_per_ms),
-            shown(found.dPdt_min_mmHg_per_ms),
-            shown(found.SV_mL)
+            shown(found.p_max_mmhg),
+            shown(found.ptd90_ms),
+            shown(found.dpdt_max_mmhg_per_ms),
+            shown(found.dpdt_min_mmhg_per_ms),
+            shown(found.sv_ml)
         )
     }
 }

@@ -5,11 +5,12 @@ use std::fmt;
 
 use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::step::StepSettings;
+use cardiotwin_schemas::biomarkers::Biomarkers;
 use serde::Serialize;
 
 use super::measure::{Beat, Ranks, beat};
 use super::subject::Subject;
-use super::{BeatBiomarkers, BenchError, VentricleBench};
+use super::{BenchError, REPORTED, VentricleBench};
 use cardiotwin_worker::stop::StopFlag;
 
 /// Relative tolerance of the tight run.
@@ -30,9 +31,10 @@ pub struct Shortcut {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diverged: Option<String>,
     /// Biomarkers of the beat.
-    pub biomarkers: BeatBiomarkers,
-    /// Relative differences of the biomarkers from the tight run's \[%\], in the order of
-    /// [`BeatBiomarkers`].
+    #[serde(serialize_with = "super::reported")]
+    pub biomarkers: Biomarkers,
+    /// Relative differences of the biomarkers from the tight run's \[%\], in the order in
+    /// which they are written.
     pub off_percent: [Option<f64>; 5],
 }
 
@@ -49,18 +51,8 @@ pub struct Shortcuts {
     pub rows: Vec<Shortcut>,
 }
 
-fn off(found: &BeatBiomarkers, tight: &BeatBiomarkers) -> [Option<f64>; 5] {
-    let of = |b: &BeatBiomarkers| {
-        [
-            b.P_max_mmHg,
-            b.PTD90_ms,
-            b.dPdt_max_mmHg_per_ms,
-            b.dPdt_min_mmHg_per_ms,
-            b.SV_mL,
-        ]
-    };
-    let (found, tight) = (of(found), of(tight));
-    std::array::from_fn(|k| Some(100.0 * (found[k]? / tight[k]? - 1.0)))
+fn off(found: &Biomarkers, tight: &Biomarkers) -> [Option<f64>; 5] {
+    REPORTED.map(|biomarker| Some(100.0 * (found.get(biomarker)? / tight.get(biomarker)? - 1.0)))
 }
 
 /// Name, settings, time step and late-filling step (both as multiples of the default step), and

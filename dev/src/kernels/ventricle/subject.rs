@@ -11,7 +11,7 @@ use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mesh::TetMesh;
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
@@ -168,7 +168,7 @@ fn heart(nodes: usize, stop: &StopFlag) -> Result<(TetMesh, Vec<f64>), BenchErro
     let mut mesh = Renumbering::reverse_cuthill_mckee(&made.mesh).apply(&made.mesh);
     going_on(stop)?;
     let muscle = [tags::LEFT_VENTRICLE];
-    make(&mut mesh, &muscle, &Angles::default()).map_err(failed("no fibres"))?;
+    make(&mut mesh, &muscle, &FibreAngles::default()).map_err(failed("no fibres"))?;
     going_on(stop)?;
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction).map_err(failed("no activation"))?;

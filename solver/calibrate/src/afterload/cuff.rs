@@ -5,6 +5,8 @@
 //! τ and s. Without the mean, s takes its usual value, and the uncertainty of that value enters the
 //! other results.
 
+use cardiotwin_vocabulary::circulation::CuffPressures;
+
 use super::AfterloadError;
 
 /// R1 over R2 if no measurement separates them: 5 to 7 % of the total in adults (Murgo et al. 1980,
@@ -20,19 +22,6 @@ const TAU_MS: (f64, f64) = (50.0, 50_000.0);
 pub const CUFF_SD_MMHG: f64 = 4.0;
 /// Relative standard deviation of the magnitude of the flow.
 const FLOW_SD: f64 = 0.08;
-
-/// Pressures measured by a cuff.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cuff {
-    /// Systolic pressure of the arm \[mmHg\].
-    pub systolic_mmhg: f64,
-    /// Diastolic pressure of the arm \[mmHg\].
-    pub diastolic_mmhg: f64,
-    /// Mean pressure of the arm \[mmHg\]; `None` if it was not measured.
-    pub mean_mmhg: Option<f64>,
-    /// Standard deviation of each pressure, mmHg; [`CUFF_SD_MMHG`] if `None`.
-    pub sd_mmhg: Option<f64>,
-}
 
 /// Three-element Windkessel that reproduces the cuff pressures.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,6 +43,7 @@ pub struct CuffFit {
 /// Finds the three elements that reproduce the cuff pressures.
 ///
 /// - `flow_ml_per_s`: one cycle of flow out of the heart, samples `step_ms` apart
+/// - `cuff`: its standard deviation is [`CUFF_SD_MMHG`] if it states none
 ///
 /// # Errors
 /// [`AfterloadError`] if the flow does not eject, the pressures are out of order, or no load has
@@ -61,7 +51,7 @@ pub struct CuffFit {
 pub fn fit_cuff(
     flow_ml_per_s: &[f64],
     step_ms: f64,
-    cuff: Cuff,
+    cuff: CuffPressures,
 ) -> Result<CuffFit, AfterloadError> {
     let in_order = cuff.diastolic_mmhg > 0.0
         && cuff.systolic_mmhg > cuff.diastolic_mmhg
@@ -262,7 +252,7 @@ mod tests {
             .collect()
     }
 
-    fn cuff_of(three: [f64; 3]) -> Cuff {
+    fn cuff_of(three: [f64; 3]) -> CuffPressures {
         let flow = flow();
         let mean_flow = flow.iter().sum::<f64>() / 800.0;
         let p = Problem {
@@ -275,7 +265,7 @@ mod tests {
             .iter()
             .fold((f64::MAX, 0.0_f64), |(l, h), p| (l.min(*p), h.max(*p)));
         let mean = p.iter().sum::<f64>() / 800.0;
-        Cuff {
+        CuffPressures {
             systolic_mmhg: high,
             diastolic_mmhg: low,
             mean_mmhg: Some(mean),
@@ -305,7 +295,7 @@ mod tests {
     #[test]
     fn without_a_mean_the_share_is_the_usual_one() {
         let share = USUAL_SHARE / (1.0 + USUAL_SHARE);
-        let cuff = Cuff {
+        let cuff = CuffPressures {
             mean_mmhg: None,
             ..cuff_of([1.0, share, 1400.0])
         };
@@ -326,7 +316,7 @@ mod tests {
 
     #[test]
     fn nonsense_is_refused() {
-        let cuff = |systolic_mmhg, diastolic_mmhg, mean_mmhg| Cuff {
+        let cuff = |systolic_mmhg, diastolic_mmhg, mean_mmhg| CuffPressures {
             systolic_mmhg,
             diastolic_mmhg,
             mean_mmhg,

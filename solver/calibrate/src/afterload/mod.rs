@@ -21,8 +21,10 @@ mod simulate;
 #[cfg(test)]
 mod tests;
 
+pub use cardiotwin_vocabulary::circulation::CuffPressures;
+pub use cardiotwin_vocabulary::fits::Determined;
 pub use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
-pub use cuff::{CUFF_SD_MMHG, Cuff, CuffFit, USUAL_SHARE, fit_cuff};
+pub use cuff::{CUFF_SD_MMHG, CuffFit, USUAL_SHARE, fit_cuff};
 pub use discover::{
     Candidate, Confusable, Discovery, DiscoverySettings, Found, Gap, Stage, discover,
 };
@@ -132,18 +134,6 @@ impl Default for WindkesselFitSettings {
             confidence_level: 0.95,
         }
     }
-}
-
-/// Precision with which the record determines a quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Determined {
-    /// The half-width of the interval is at most 30 % of the value.
-    #[default]
-    Well,
-    /// The half-width of the interval exceeds 30 % of the value.
-    Poorly,
-    /// At least one end of the interval does not exist within the limits of the fit.
-    Not,
 }
 
 /// One fitted quantity, in its unit.

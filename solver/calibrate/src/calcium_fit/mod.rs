@@ -19,6 +19,7 @@ mod fit;
 mod tests;
 mod transient;
 
+pub use cardiotwin_vocabulary::fits::TimeConstants;
 pub use fit::{CalciumFitError, CalciumFitSettings, fit_calcium};
 use serde::{Deserialize, Serialize};
 
@@ -53,40 +54,7 @@ pub struct Estimate {
     pub upper: Option<f64>,
 }
 
-/// Extent to which the trace determines the two time constants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TimeConstants {
-    /// The constants differ: equal ones do not fit.
-    Distinct,
-    /// Different constants fit best, but equal ones fit as well within the confidence level.
-    Indistinct,
-    /// Equal constants fit best.
-    Equal,
-}
-
-impl TimeConstants {
-    /// Explanation for reports, in one sentence.
-    #[must_use]
-    pub fn explanation(self) -> &'static str {
-        match self {
-            Self::Distinct => {
-                "the trace tells two time constants apart, but not which of them is the rise's: the transient is the \
-                 same with both exchanged"
-            }
-            Self::Indistinct => {
-                "two equal time constants fit the trace as well: only their mean is determined, and the transient is \
-                 the same with both exchanged"
-            }
-            Self::Equal => {
-                "the best time constants are equal: the transient is the same with both exchanged, and any difference \
-                 makes it wider than the trace"
-            }
-        }
-    }
-}
-
-/// A fitted calcium transient, with intervals of its parameters.
+/// A fitted transient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CalciumFit {
     /// Best values of the parameters.

@@ -19,5 +19,6 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
+pub use cardiotwin_vocabulary::step2_settings::Updating;
 pub use optimiser::{DifferentialEvolution, Ending, Outcome, Stage};
-pub use settings::{Settings, Updating};
+pub use settings::Settings;

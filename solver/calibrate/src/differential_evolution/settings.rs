@@ -3,18 +3,8 @@
 use crate::Interval;
 use crate::polish::LocalSearch;
 use crate::population::{PopulationError, check};
+use cardiotwin_vocabulary::step2_settings::Updating;
 use serde::{Deserialize, Serialize};
-
-/// Time at which a better trial replaces its member.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Updating {
-    /// At the end of the generation, which is one batch.
-    #[default]
-    Deferred,
-    /// At once; a batch is one point.
-    Immediate,
-}
 
 /// Settings of differential evolution; defaults are `SciPy`'s except for the updating.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

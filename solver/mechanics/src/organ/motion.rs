@@ -7,7 +7,7 @@
 
 mod measures;
 
-pub use measures::{Measures, Phases, Series};
+pub use measures::{Phases, Series};
 
 use cardiotwin_linalg::vec3::{Vec3, add, axpy, cross, distance, dot, norm, reject, sub, unit};
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};

@@ -262,7 +262,7 @@ pub(super) fn unpack(from: &mut MessageReader<'_>) -> Anatomy {
 #[cfg(test)]
 mod tests {
     use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-    use cardiotwin_mesh::fibres::{Angles, make};
+    use cardiotwin_mesh::fibres::{FibreAngles, make};
     use cardiotwin_mesh::tags;
     use cardiotwin_units::Ml;
 
@@ -275,7 +275,7 @@ mod tests {
         let mut mesh = generate(&EllipsoidSpec::new(Ml(112.0), Ml(140.0), 600))
             .expect("a mesh")
             .mesh;
-        make(&mut mesh, &[tags::LEFT_VENTRICLE], &Angles::default()).expect("fields");
+        make(&mut mesh, &[tags::LEFT_VENTRICLE], &FibreAngles::default()).expect("fields");
         for kind in [ElementKind::LINEAR_NODAL, ElementKind::LINEAR_POINTWISE] {
             let anatomy = Anatomy::of(&mesh, &[tags::LEFT_VENTRICLE], kind).expect("an anatomy");
             let parts = parts_of(&anatomy, 3).expect("a cut");

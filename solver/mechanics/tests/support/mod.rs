@@ -4,7 +4,7 @@
 
 use cardiotwin_mesh::eikonal::{Conduction, activation_ms};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, make};
+use cardiotwin_mesh::fibres::{FibreAngles, make};
 use cardiotwin_mesh::{TetMesh, tags};
 use cardiotwin_models::circulation::{Circulation, LeftHeart};
 use cardiotwin_units::{Ml, Mmhg, Ms};
@@ -21,7 +21,7 @@ pub fn heart() -> (TetMesh, Vec<f64>) {
     };
     let made = generate(&spec).expect("a mesh");
     let mut mesh = made.mesh;
-    make(&mut mesh, &MUSCLE, &Angles::default()).expect("fields");
+    make(&mut mesh, &MUSCLE, &FibreAngles::default()).expect("fields");
     let conduction = Conduction::of_left_ventricle(&made.shape.fascicles());
     let times = activation_ms(&mesh, &conduction).expect("times");
     (mesh, times)

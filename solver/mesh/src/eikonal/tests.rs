@@ -1,6 +1,6 @@
 use super::*;
 use crate::ellipsoid::{EllipsoidSpec, generate};
-use crate::fibres::{Angles, make};
+use crate::fibres::{FibreAngles, make};
 use crate::order::Renumbering;
 use crate::test_meshes::{block, cube};
 use crate::tet_mesh::tags;
@@ -200,7 +200,7 @@ fn heart(n_nodes: usize) -> (TetMesh, crate::ellipsoid::Shape) {
     let made = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), n_nodes)).unwrap();
     let mut mesh = made.mesh;
     let muscle = &[tags::LEFT_VENTRICLE];
-    make(&mut mesh, muscle, &Angles::default()).unwrap();
+    make(&mut mesh, muscle, &FibreAngles::default()).unwrap();
     (mesh, made.shape)
 }
 

@@ -34,7 +34,7 @@ fn confocal(n_nodes: usize) -> Ellipsoid {
 
 /// Depth and frame in closed form. With ξ = (r₁ + r₂)/(2f) from the distances to the foci, ln((ξ +
 /// 1)/(ξ − 1)) is harmonic; its gradient bisects the two focal directions.
-fn exact(heart: &Ellipsoid, x: Vec3, angles: &Angles) -> (f64, Frame) {
+fn exact(heart: &Ellipsoid, x: Vec3, angles: &FibreAngles) -> (f64, Frame) {
     let ([a, c], [_, d]) = (heart.shape.axes_mm(0.0), heart.shape.axes_mm(1.0));
     let focus = (c * c - a * a).sqrt();
     let (below, above) = ([x[0], x[1], x[2] + focus], [x[0], x[1], x[2] - focus]);
@@ -65,7 +65,7 @@ fn angle_deg(a: Vec3, b: Vec3) -> f64 {
 
 #[test]
 fn fibres_and_sheets_approach_the_closed_form_with_first_order_or_better() {
-    let angles = Angles::default();
+    let angles = FibreAngles::default();
     let errors: Vec<[f64; 4]> = [600, 4000, 20_000]
         .iter()
         .map(|n_nodes| {
@@ -104,7 +104,7 @@ fn the_helix_angle_runs_from_endocardium_to_epicardium() {
     let heart = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 12_000)).unwrap();
     let mesh = &heart.mesh;
     let fields = fields(mesh, MUSCLE, Longitudinal::FromBase).unwrap();
-    let found = frames(mesh, MUSCLE, &fields, &Angles::default());
+    let found = frames(mesh, MUSCLE, &fields, &FibreAngles::default());
     let mut worst: f64 = 0.0;
     for (e, frame) in found.iter().enumerate() {
         let x = mesh.centroid_mm(e);
@@ -129,7 +129,7 @@ fn every_frame_of_muscle_is_orthonormal_and_passive_tissue_has_none() {
     for rule in [Longitudinal::FromBase, Longitudinal::FromApexNode(0)] {
         let heart = generate(&EllipsoidSpec::new(Ml(120.0), Ml(130.0), 1000)).unwrap();
         let fields = fields(&heart.mesh, MUSCLE, rule).unwrap();
-        let found = frames(&heart.mesh, MUSCLE, &fields, &Angles::default());
+        let found = frames(&heart.mesh, MUSCLE, &fields, &FibreAngles::default());
         for (
             e,
             Frame {
@@ -166,7 +166,7 @@ fn both_longitudinal_fields_give_nearly_the_same_fibres() {
             mesh,
             MUSCLE,
             &fields(mesh, MUSCLE, rule).unwrap(),
-            &Angles::default(),
+            &FibreAngles::default(),
         )
     });
     let muscle: Vec<usize> = (0..mesh.n_tets())
@@ -188,7 +188,7 @@ fn a_vanishing_field_still_gives_whole_frames() {
         depth: vec![0.5; mesh.n_nodes()],
         longitudinal: vec![2.0; mesh.n_nodes()],
     };
-    for frame in frames(&mesh, MUSCLE, &fields, &Angles::default()) {
+    for frame in frames(&mesh, MUSCLE, &fields, &FibreAngles::default()) {
         assert!(
             (norm(frame.fibre) - 1.0).abs() < 1e-12 && dot(frame.fibre, frame.sheet).abs() < 1e-12
         );

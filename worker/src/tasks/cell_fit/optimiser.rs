@@ -1,15 +1,13 @@
 //! Common interface of step 2's strategies.
 
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
-use cardiotwin_calibrate::differential_evolution::{
-    self, DifferentialEvolution, Ending, Stage, Updating,
-};
+use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Ending, Stage};
 use cardiotwin_calibrate::lbfgsb::{self, DifferenceStep};
 use cardiotwin_calibrate::lshade::{self, LShade};
 use cardiotwin_calibrate::polish::{Coordinates, LocalSearch};
 use cardiotwin_calibrate::statistics::mean;
 use cardiotwin_calibrate::{Interval, lshade::Stage as LShadeStage};
-use cardiotwin_schemas::settings::{self, CellFitSettings, Strategy};
+use cardiotwin_schemas::settings::{CellFitSettings, Strategy};
 
 use crate::error::TaskError;
 
@@ -90,10 +88,7 @@ impl Optimiser {
                     tol: settings.tol,
                     atol: settings.atol,
                     maxiter: settings.max_generations as usize,
-                    updating: match settings.updating {
-                        settings::Updating::Deferred => Updating::Deferred,
-                        settings::Updating::Immediate => Updating::Immediate,
-                    },
+                    updating: settings.updating,
                     polish,
                     seed,
                 };

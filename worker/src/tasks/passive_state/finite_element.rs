@@ -15,7 +15,7 @@ use cardiotwin_mechanics::organ::{
 use cardiotwin_mechanics::tissue::TissueJob;
 use cardiotwin_mesh::eikonal::{Conduction, Speeds};
 use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
-use cardiotwin_mesh::fibres::{Angles, frames_at_centroids};
+use cardiotwin_mesh::fibres::frames_at_centroids;
 use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::quality::Quality;
 use cardiotwin_mesh::tags;
@@ -191,13 +191,7 @@ fn mesh(
         .filter(|tag| !muscle.contains(tag));
     passive_tags::check(&anatomy.wall.passive, passive)?;
     sprung_surfaces(&anatomy.wall, &mesh)?;
-    let f = &anatomy.fibres;
-    let fibres = mesh.frames.is_empty().then_some(Angles {
-        alpha_endo_deg: f.alpha_endo_deg,
-        alpha_epi_deg: f.alpha_epi_deg,
-        beta_endo_deg: f.beta_endo_deg,
-        beta_epi_deg: f.beta_epi_deg,
-    });
+    let fibres = mesh.frames.is_empty().then_some(anatomy.fibres);
     let speeds = &anatomy.conduction;
     let conduction = times_ms.is_none().then(|| Conduction {
         speeds: Speeds {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::afterload::{
-    self, Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
+    CuffPressures, Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
 };
 use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadQuantity, Determined};
 use cardiotwin_schemas::organ::WindkesselParameters;
@@ -51,9 +51,10 @@ pub struct AfterloadArgs {
     #[arg(
         long,
         value_name = "SYSTOLIC/DIASTOLIC[/MEAN]",
+        value_parser = super::cuff::pressures,
         conflicts_with = "periodic"
     )]
-    pub(super) cuff: Option<super::cuff::Pressures>,
+    pub(super) cuff: Option<CuffPressures>,
     /// Standard deviation of the cuff pressures in mmHg [default: 4]
     #[arg(long, value_name = "MMHG", requires = "cuff")]
     pub(super) cuff_sd: Option<f64>,
@@ -298,11 +299,6 @@ fn quantity(name: &str, estimate: &Estimate) -> AfterloadQuantity {
         upper,
         determined,
     } = *estimate;
-    let determined = match determined {
-        afterload::Determined::Well => Determined::Well,
-        afterload::Determined::Poorly => Determined::Poorly,
-        afterload::Determined::Not => Determined::Not,
-    };
     AfterloadQuantity {
         name: name.to_owned(),
         value,

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::calcium_fit::{
-    self, CalciumFit, CalciumFitError, CalciumFitSettings, Estimate, fit_calcium,
+    CalciumFit, CalciumFitError, CalciumFitSettings, Estimate, fit_calcium,
 };
-use cardiotwin_schemas::fit::{CalciumFitAnswer, FittedQuantity, TimeConstants};
+use cardiotwin_schemas::fit::{CalciumFitAnswer, FittedQuantity};
 use cardiotwin_signals::{Problem, Quantity, Trace};
 use clap::{Args, ValueEnum};
 
@@ -163,11 +163,7 @@ fn answer(trace: &str, activation_ms: f64, fit: &CalciumFit) -> CalciumFitAnswer
             .map(|(name, estimate)| quantity(name, estimate))
             .collect(),
         confidence_level: fit.confidence_level,
-        time_constants: match fit.time_constants {
-            calcium_fit::TimeConstants::Distinct => TimeConstants::Distinct,
-            calcium_fit::TimeConstants::Indistinct => TimeConstants::Indistinct,
-            calcium_fit::TimeConstants::Equal => TimeConstants::Equal,
-        },
+        time_constants: fit.time_constants,
         time_constants_in_words: fit.time_constants.explanation().to_owned(),
         n_samples: fit.n_samples,
         root_mean_square_um: fit.root_mean_square_um,
@@ -269,6 +265,7 @@ fn plot(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cardiotwin_schemas::fit::TimeConstants;
 
     fn talk() -> Talk {
         Talk {

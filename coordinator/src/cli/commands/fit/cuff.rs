@@ -1,8 +1,6 @@
 //! `cardiotwin fit afterload --cuff`: fit of the three-element Windkessel to cuff pressures.
 
-use std::str::FromStr;
-
-use cardiotwin_calibrate::afterload::{CUFF_SD_MMHG, Cuff, CuffFit, fit_cuff};
+use cardiotwin_calibrate::afterload::{CUFF_SD_MMHG, CuffFit, CuffPressures, fit_cuff};
 use cardiotwin_calibrate::normal;
 use cardiotwin_schemas::afterload::{AfterloadQuantity, CuffFitAnswer, Determined};
 use cardiotwin_signals::Problem;
@@ -22,43 +20,36 @@ use crate::report::cuff_fit_svg;
 const POOR: f64 = 0.3;
 
 /// Cuff pressures, written as `115/70` or `115/70/88` (systolic/diastolic/mean, mmHg).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pressures {
-    systolic_mmhg: f64,
-    diastolic_mmhg: f64,
-    mean_mmhg: Option<f64>,
-}
-
-impl FromStr for Pressures {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let numbers: Result<Vec<f64>, _> = text
-            .split('/')
-            .map(|part| part.trim().parse::<f64>())
-            .collect();
-        let numbers = numbers.unwrap_or_default();
-        let in_range = numbers.iter().all(|p| (10.0..=350.0).contains(p));
-        match numbers[..] {
-            [systolic_mmhg, diastolic_mmhg, ref mean @ ..] if mean.len() < 2 && in_range => {
-                let mean_mmhg = mean.first().copied();
-                let between =
-                    mean_mmhg.is_none_or(|mean| mean > diastolic_mmhg && mean < systolic_mmhg);
-                if systolic_mmhg > diastolic_mmhg && between {
-                    return Ok(Self {
-                        systolic_mmhg,
-                        diastolic_mmhg,
-                        mean_mmhg,
-                    });
-                }
-                Err(
-                    "systolic pressure must exceed diastolic pressure, and the mean must lie \
-                     between them"
-                        .to_owned(),
-                )
+///
+/// # Errors
+/// What is wrong with the text, in words.
+pub fn pressures(text: &str) -> Result<CuffPressures, String> {
+    let numbers: Result<Vec<f64>, _> = text
+        .split('/')
+        .map(|part| part.trim().parse::<f64>())
+        .collect();
+    let numbers = numbers.unwrap_or_default();
+    let in_range = numbers.iter().all(|p| (10.0..=350.0).contains(p));
+    match numbers[..] {
+        [systolic_mmhg, diastolic_mmhg, ref mean @ ..] if mean.len() < 2 && in_range => {
+            let mean_mmhg = mean.first().copied();
+            let between =
+                mean_mmhg.is_none_or(|mean| mean > diastolic_mmhg && mean < systolic_mmhg);
+            if systolic_mmhg > diastolic_mmhg && between {
+                return Ok(CuffPressures {
+                    systolic_mmhg,
+                    diastolic_mmhg,
+                    mean_mmhg,
+                    sd_mmhg: None,
+                });
             }
-            _ => Err("write it as 115/70 or 115/70/88, in mmHg".to_owned()),
+            Err(
+                "systolic pressure must exceed diastolic pressure, and the mean must lie \
+                     between them"
+                    .to_owned(),
+            )
         }
+        _ => Err("write it as 115/70 or 115/70/88, in mmHg".to_owned()),
     }
 }
 
@@ -82,11 +73,9 @@ pub fn execute(
     let even: Vec<f64> = (0..n)
         .map(|i| flow.at(flow.time_ms()[0] + i as f64 * step_ms))
         .collect();
-    let cuff = Cuff {
-        systolic_mmhg: given.systolic_mmhg,
-        diastolic_mmhg: given.diastolic_mmhg,
-        mean_mmhg: given.mean_mmhg,
+    let cuff = CuffPressures {
         sd_mmhg: args.cuff_sd,
+        ..given
     };
     let fit = fit_cuff(&even, step_ms, cuff).map_err(|error| {
         let remedy = "give one whole cycle of flow out of the heart, and cuff pressures of the same \
@@ -114,7 +103,12 @@ pub fn execute(
     say(args, &answer, &said, plot, talk)
 }
 
-fn answer(source: &FlowSource<'_>, cuff: &Cuff, fit: &CuffFit, confidence: f64) -> CuffFitAnswer {
+fn answer(
+    source: &FlowSource<'_>,
+    cuff: &CuffPressures,
+    fit: &CuffFit,
+    confidence: f64,
+) -> CuffFitAnswer {
     let names = [
         "characteristic_resistance_mmHg_s_per_mL",
         "peripheral_resistance_mmHg_s_per_mL",
@@ -196,9 +190,8 @@ mod tests {
 
     #[test]
     fn pressures_are_read_and_nonsense_is_not() {
-        let read = |text: &str| text.parse::<Pressures>();
-        assert_eq!(read("115/70").unwrap().mean_mmhg, None);
-        assert_eq!(read("115/70/88").unwrap().mean_mmhg, Some(88.0));
+        assert_eq!(pressures("115/70").unwrap().mean_mmhg, None);
+        assert_eq!(pressures("115/70/88").unwrap().mean_mmhg, Some(88.0));
         for text in [
             "115",
             "70/115",
@@ -209,7 +202,7 @@ mod tests {
             "",
             "115/70/",
         ] {
-            assert!(read(text).is_err(), "{text}");
+            assert!(pressures(text).is_err(), "{text}");
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Measures of a beat's motion from the ventricle's shapes over time.
 
+use cardiotwin_vocabulary::motion::MotionMeasures;
+
 use super::Shape;
 
 /// Start times of a beat's phases \[ms\] from its beginning at end-diastole.
@@ -20,33 +22,6 @@ pub struct Series {
     shapes: Vec<(usize, Shape)>,
     /// Smallest and largest volume ratio of an element so far.
     volume_ratios: [f64; 2],
-}
-
-/// Measures of the ventricle's motion in a beat; percentages are relative to end-diastole.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measures {
-    /// Displacement of the base towards the apex, from end-diastole to end-systole \[mm\].
-    pub base_descent_mm: f64,
-    /// Displacement of the epicardial apex towards the base over the same time \[mm\].
-    pub apex_rise_mm: f64,
-    /// Change of the epicardial radius at the middle level \[%\].
-    pub epicardial_radius_change_percent: f64,
-    /// Shortening of the cavity from apex to rim \[%\].
-    pub shortening_percent: f64,
-    /// Thickening of the wall at the middle level \[%\].
-    pub wall_thickening_percent: f64,
-    /// Twist of the epicardium of largest magnitude, with its sign \[degrees\].
-    pub twist_epi_deg: f64,
-    /// Twist of the endocardium of largest magnitude, with its sign \[degrees\].
-    pub twist_endo_deg: f64,
-    /// Change of the cavity's length over isovolumic contraction, positive for lengthening \[%\].
-    pub isovolumic_lengthening_percent: f64,
-    /// Share of the epicardium's largest twist that is undone in isovolumic relaxation \[%\]; `None` without filling.
-    pub isovolumic_untwisting_percent: Option<f64>,
-    /// Smallest ratio of an element's volume to its unloaded volume.
-    pub least_volume_ratio: f64,
-    /// Largest ratio of an element's volume to its unloaded volume.
-    pub largest_volume_ratio: f64,
 }
 
 impl Series {
@@ -130,8 +105,14 @@ impl Series {
     /// Computes the measures of the beat.
     ///
     /// - `sample_times_ms`: times of the samples of the beat's traces \[ms\]
+    /// - `pressure_mmhg`: cavity pressure at these times
     #[must_use]
-    pub fn measures(&self, phases: &Phases, sample_times_ms: &[f64]) -> Measures {
+    pub fn measures(
+        &self,
+        phases: &Phases,
+        sample_times_ms: &[f64],
+        pressure_mmhg: &[f64],
+    ) -> MotionMeasures {
         let at = |time_ms| self.at(time_ms, sample_times_ms);
         let (begin, systole) = (self.shapes[0].1, at(phases.end_systole_ms));
         let change = |now: f64, before: f64| 100.0 * (now / before - 1.0);
@@ -154,7 +135,7 @@ impl Series {
                 0.0
             }
         };
-        Measures {
+        MotionMeasures {
             base_descent_mm: systole.base_mm - begin.base_mm,
             apex_rise_mm: begin.apex_mm - systole.apex_mm,
             epicardial_radius_change_percent: change(systole.radius_mm[1], begin.radius_mm[1]),
@@ -167,6 +148,7 @@ impl Series {
                 begin.cavity_length_mm,
             ),
             isovolumic_untwisting_percent: phases.filling_ms.map(untwisting),
+            least_pressure_mmhg: pressure_mmhg.iter().copied().fold(f64::INFINITY, f64::min),
             least_volume_ratio: self.volume_ratios[0],
             largest_volume_ratio: self.volume_ratios[1],
         }

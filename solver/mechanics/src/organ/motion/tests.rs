@@ -98,7 +98,7 @@ fn a_stretch_along_and_across_the_axis_is_measured() {
         filling_ms: None,
     };
     let times: Vec<f64> = (0..=10).map(f64::from).collect();
-    let m = series.measures(&phases, &times);
+    let m = series.measures(&phases, &times, &[9.0, 4.0, 6.0]);
     let length = landmarks.axis(x).1;
     for (found, expected) in [
         (m.shortening_percent, 15.0),
@@ -108,6 +108,7 @@ fn a_stretch_along_and_across_the_axis_is_measured() {
         // Halfway between the two samples half of the shortening is reached.
         (m.isovolumic_lengthening_percent, -7.5),
         (m.twist_epi_deg, 0.0),
+        (m.least_pressure_mmhg, 4.0),
         (m.least_volume_ratio, 0.85 * 0.81),
         (m.largest_volume_ratio, 0.85 * 0.81),
     ] {
@@ -169,6 +170,7 @@ fn a_torsion_is_twist_with_the_sense_of_the_literature() {
                 filling_ms: Some(20.0),
             },
             &times,
+            &[],
         );
         assert!(
             (m.isovolumic_untwisting_percent.unwrap_or_default() - 30.0).abs() < 0.5,
