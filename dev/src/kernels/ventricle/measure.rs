@@ -11,10 +11,10 @@ use cardiotwin_models::circulation::{Circulation, LeftHeart};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_units::{Mmhg, Ms};
 
-use super::subject::Subject;
-use super::{
-    BenchError, NsPerTet, OfRank, SecondsPerPhase, VentricleBench, VentricleTiming, failed,
+use super::figures::{
+    BenchError, NsPerTet, OfRank, Ranks, SecondsPerPhase, VentricleBench, VentricleTiming, failed,
 };
+use super::subject::Subject;
 use crate::kernels::{processor, triad::triad_gb_per_s};
 use cardiotwin_worker::process::{cpu_s, forget_peak_memory, peak_memory_mb};
 use cardiotwin_worker::stop::StopFlag;
@@ -23,24 +23,6 @@ use cardiotwin_worker::team::Team;
 
 /// Krylov iterations in one measurement.
 const KRYLOV_ITERATIONS: u32 = 20;
-
-/// Ranks that compute the beat.
-#[derive(Debug, Clone, Copy)]
-pub enum Ranks<'a> {
-    /// Threads of this process, by number.
-    Threads(usize),
-    /// Processes; this one is rank 0, and the others call [`super::follow`].
-    Team(&'a Team),
-}
-
-impl Ranks<'_> {
-    fn n(self) -> usize {
-        match self {
-            Self::Threads(n) => n,
-            Self::Team(team) => team.n_ranks(),
-        }
-    }
-}
 
 fn circulation(cycle_length: Ms) -> Result<Circulation, BenchError> {
     let heart = LeftHeart::of_an_adult(Mmhg(9.0), cycle_length);

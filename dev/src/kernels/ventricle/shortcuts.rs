@@ -8,9 +8,9 @@ use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use serde::Serialize;
 
-use super::measure::{Beat, Ranks, beat};
+use super::figures::{BenchError, REPORTED, Ranks, VentricleBench};
+use super::measure::{Beat, beat};
 use super::subject::Subject;
-use super::{BenchError, REPORTED, VentricleBench};
 use cardiotwin_worker::stop::StopFlag;
 
 /// Relative tolerance of the tight run.

@@ -19,7 +19,7 @@ use cardiotwin_models::ventricle::GroupContraction;
 use cardiotwin_schemas::finite_element::WallSettings;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Ms};
 
-use super::{BenchError, Element, Ranks, failed};
+use super::figures::{BenchError, Element, Ranks, failed};
 use cardiotwin_worker::finite_element::passive::{Workers, found};
 use cardiotwin_worker::stop::StopFlag;
 
