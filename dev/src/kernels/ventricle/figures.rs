@@ -68,7 +68,7 @@ pub(super) const REPORTED: [Biomarker; 5] = [
 ];
 
 /// Writes the biomarkers of [`REPORTED`]; one that the beat does not have is null.
-fn reported<S: Serializer>(found: &Biomarkers, to: S) -> Result<S::Ok, S::Error> {
+pub(super) fn reported<S: Serializer>(found: &Biomarkers, to: S) -> Result<S::Ok, S::Error> {
     to.collect_map(REPORTED.map(|biomarker| (biomarker.key(), found.get(biomarker))))
 }
 

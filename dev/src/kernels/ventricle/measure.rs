@@ -19,7 +19,6 @@ use crate::kernels::{processor, triad::triad_gb_per_s};
 use cardiotwin_worker::process::{cpu_s, forget_peak_memory, peak_memory_mb};
 use cardiotwin_worker::stop::StopFlag;
 use cardiotwin_worker::tasks::organ_beat::simulated_biomarkers;
-use cardiotwin_worker::team::Team;
 
 /// Krylov iterations in one measurement.
 const KRYLOV_ITERATIONS: u32 = 20;

@@ -31,7 +31,7 @@ pub struct Shortcut {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diverged: Option<String>,
     /// Biomarkers of the beat.
-    #[serde(serialize_with = "super::reported")]
+    #[serde(serialize_with = "super::figures::reported")]
     pub biomarkers: Biomarkers,
     /// Relative differences of the biomarkers from the tight run's \[%\], in the order in
     /// which they are written.
