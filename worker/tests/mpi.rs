@@ -507,7 +507,10 @@ fn ranks_are_counted_before_anything_is_done() {
             vec!["check", "--ranks", "3"],
             "found 2 ranks, expected 3 (--ranks)",
         ),
-        (vec!["check"], "say with --ranks N (or CARDIOTWIN_RANKS)"),
+        (
+            vec!["check"],
+            "give the required number of ranks with --ranks N or CARDIOTWIN_RANKS",
+        ),
     ] {
         let out = output(mpirun(2, &arguments));
         assert!(

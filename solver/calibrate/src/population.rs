@@ -123,7 +123,7 @@ mod tests {
             unit_guesses(&[vec![1.0]], &bounds, 3)
                 .unwrap_err()
                 .to_string()
-                .contains("guess 0 has 1 parameters of 2")
+                .contains("guess 0 has 1 parameters, expected 2")
         );
         assert!(unit_guesses(&[vec![1.0, 1.0], vec![1.0, 1.0]], &bounds, 1).is_err());
         assert_eq!(scale(&[0.5, 1.0], &bounds), [1.0, 1.0]);

@@ -150,7 +150,7 @@ fn what_is_no_transient_is_refused_by_name() {
     assert!(refused(&t[..5], &[0.1; 5]).contains("5 times"));
     assert!(refused(&t, &[0.1; 99]).contains("99 values"));
     let falling: Vec<f64> = t.iter().map(|s| (-s / 100.0).exp()).collect();
-    assert!(refused(&t, &falling).contains("does not rise"));
+    assert!(refused(&t, &falling).contains("no rise and fall"));
     // A trace that only falls or only rises is not a transient, wherever activation is set.
     let early = CalciumFitSettings {
         activation_ms: -20.0,

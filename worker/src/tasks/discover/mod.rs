@@ -216,7 +216,7 @@ mod tests {
         let refused = run(&kick, &mut Context::plain(folder.path(), 1)).unwrap_err();
         let said = crate::error::chain(&refused);
         assert!(
-            said.contains("no effect kick") && said.contains("atrial_kick"),
+            said.contains("unknown effect kick") && said.contains("atrial_kick"),
             "{said}"
         );
     }
