@@ -66,7 +66,7 @@ pub enum Change {
 /// [`OverlayError`] if the folder cannot be written or its file is not an overlay.
 pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, OverlayError> {
     let found = &case.found;
-    if found.none {
+    if found.findings.none {
         return Ok(Change::Nothing);
     }
     let current = current(folder)?;
@@ -78,9 +78,10 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
         return Ok(Change::Same(current.version));
     }
     let evidence = found
+        .findings
         .effects
         .iter()
-        .filter(|effect| found.accepted.contains(&effect.name));
+        .filter(|effect| found.findings.accepted.contains(&effect.name));
     let overlay = ModelOverlay {
         version: kept_versions(folder).max(current.as_ref().map_or(0, |c| c.version)) + 1,
         patient: case.case.clone(),
@@ -98,12 +99,12 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
             program: env!("CARGO_PKG_VERSION").to_owned(),
             before: current.as_ref().map(|c| c.version),
             seed: found.seed,
-            threshold: found.threshold,
-            p_value: found.p_value,
-            gap_before: found.gap_before,
-            gap_after: found.gap_after,
-            gap_heldout_before: found.gap_heldout_before,
-            gap_heldout_after: found.gap_heldout_after,
+            threshold: found.findings.threshold,
+            p_value: found.findings.p_value,
+            gap_before: found.findings.gap_before,
+            gap_after: found.findings.gap_after,
+            gap_heldout_before: found.findings.gap_heldout_before,
+            gap_heldout_after: found.findings.gap_heldout_after,
             settings: found.settings.clone(),
             data: found.data.clone(),
             evidence: evidence

@@ -5,7 +5,7 @@
 //! numerics, or of class bug if it contradicts its task or itself.
 
 use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers, CellBiomarkers};
-use cardiotwin_schemas::discover::Discovered;
+use cardiotwin_schemas::discover::Findings;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::OrganSpec;
@@ -63,7 +63,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
         ("targets", TaskResult::Targets(r)) => targets(r),
         ("cell-fit", TaskResult::CellFit(r)) => cell_fit(r),
         ("cell-sweep", TaskResult::CellSweep(r)) => cell_sweep(r),
-        ("discover", TaskResult::Discover(r)) => discover(r),
+        ("discover", TaskResult::Discover(r)) => discover(&r.findings),
         ("noop", TaskResult::Noop) => Ok(()),
         (kind, other) => {
             let found = match other {
@@ -202,7 +202,7 @@ fn targets(r: &TargetsResult) -> Result<(), Failure> {
     Ok(())
 }
 
-fn discover(r: &Discovered) -> Result<(), Failure> {
+fn discover(r: &Findings) -> Result<(), Failure> {
     finite("gap before", r.gap_before)?;
     finite("gap after", r.gap_after)?;
     let named = |name: &String| r.effects.iter().any(|effect| effect.name == *name);

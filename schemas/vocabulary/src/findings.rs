@@ -5,6 +5,51 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Findings of a search for missing effects in a patient's traces.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Findings {
+    /// Whether no effect is named, because nothing is missing or because the gap is unexplained.
+    pub none: bool,
+    /// Candidates: accepted ones first, the others by probability.
+    pub effects: Vec<RankedEffect>,
+    /// Names of the effects that the selection added to the model.
+    pub accepted: Vec<String>,
+    /// Names of effects that the data do not distinguish from the accepted ones.
+    pub confusable: Vec<String>,
+    /// Accepted effects with the rivals from which the data do not distinguish them.
+    pub confusable_with: Vec<Confusable>,
+    /// Measurements that would distinguish these effects.
+    pub deciding_measurement: Vec<String>,
+    /// Names of candidates that the data cannot show.
+    pub not_identifiable: Vec<String>,
+    /// Candidates that the data cannot show, with the data that would show them.
+    pub not_identifiable_without: Vec<NotIdentifiable>,
+    /// Gap that no candidate explains.
+    pub unexplained: Option<Unexplained>,
+    /// Rms standardised residual of the base model.
+    pub gap_before: f64,
+    /// Rms standardised residual with the accepted effects.
+    pub gap_after: f64,
+    /// Rms standardised residual of the base model on held-out data; absent if a refit failed.
+    pub gap_heldout_before: Option<f64>,
+    /// Rms standardised residual with the accepted effects on held-out data; absent if a refit
+    /// failed.
+    pub gap_heldout_after: Option<f64>,
+    /// Probability that data of the base model alone give evidence as large as this.
+    pub p_value: f64,
+    /// Evidence that an effect needed to be named.
+    pub threshold: f64,
+    /// Evidence of the best nameless competitor.
+    pub nameless_evidence: f64,
+    /// Discrepancies between the base model and the data.
+    #[serde(rename = "where")]
+    pub places: Vec<Place>,
+    /// Discrepancies at the same places with the accepted effects.
+    pub where_after: Vec<Place>,
+    /// Residuals by signal and phase, before and after, on fitted and held-out data.
+    pub gaps: Vec<GapAt>,
+}
+
 /// A candidate in the ranking.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]

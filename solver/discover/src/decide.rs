@@ -6,7 +6,7 @@ use crate::confusion::{SEPARABLE, confusables, rivals};
 use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy, Views};
 use crate::fit::Fit;
 use crate::forward::Forward;
-use crate::held_out::gap;
+use crate::held_out::{HeldOut, gap};
 use crate::least_squares::Settings as FitSettings;
 use crate::locate::locate;
 use crate::measured::{Measured, MeasuredError};
@@ -18,7 +18,7 @@ use crate::series::Tabulated;
 use crate::stage::{Search, SearchStage};
 use crate::stepwise::{Found, find};
 use crate::unexplained::depends_on;
-use cardiotwin_vocabulary::findings::Unexplained;
+use cardiotwin_vocabulary::findings::{Findings, Unexplained};
 use std::collections::BTreeMap;
 
 /// Settings of a search.
@@ -206,35 +206,54 @@ pub fn discover(
         held_before.as_ref(),
         held_after.as_ref(),
     );
-    Ok(Discovery {
+    let held_out_gap =
+        |held: &Option<HeldOut>| held.as_ref().map(|h| h.gap).filter(|gap| gap.is_finite());
+    let not_identifiable = not_identifiable(&search, &stages[0], &accepted);
+    let findings = Findings {
         none: accepted.is_empty(),
+        effects,
         accepted: accepted
             .iter()
             .map(|t| candidates[*t].name.clone())
             .collect(),
-        effects,
-        confusable,
+        confusable: distinct(confusable.iter().map(|c| &c.rival)),
+        confusable_with: confusable,
         deciding_measurement: deciding,
-        not_identifiable: not_identifiable(&search, &stages[0], &accepted),
+        not_identifiable: distinct(not_identifiable.iter().map(|n| &n.name)),
+        not_identifiable_without: not_identifiable,
         unexplained,
         gap_before: gap(&problem, &seen_before),
         gap_after: gap(&problem, &seen_after),
-        gap_heldout_before: held_before.as_ref().map_or(f64::NAN, |h| h.gap),
-        gap_heldout_after: held_after.as_ref().map_or(f64::NAN, |h| h.gap),
+        gap_heldout_before: held_out_gap(&held_before),
+        gap_heldout_after: held_out_gap(&held_after),
         p_value: p_value(&stages[0].maxima, best_gain),
         threshold,
         nameless_evidence: nameless.1,
+        places: locate(&problem, &before),
+        where_after: locate(&problem, &after),
+        gaps,
+    };
+    Ok(Discovery {
+        findings,
         base: base_values(forward, &current),
         base_before: base_values(forward, &base),
         calibration,
-        places: locate(&problem, &before),
-        where_after: locate(&problem, &after),
         noise_seen_over_stated: data.levels.seen_over_stated,
-        n_evaluations,
+        n_evaluations: n_evaluations as u64,
         phases,
-        gaps,
         series,
     })
+}
+
+/// Names without repetitions, in the order of their first occurrence.
+fn distinct<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
+    let mut list: Vec<String> = Vec::new();
+    for name in names {
+        if !list.contains(name) {
+            list.push(name.clone());
+        }
+    }
+    list
 }
 
 fn base_values(forward: &dyn Forward, fit: &Fit) -> BTreeMap<String, f64> {

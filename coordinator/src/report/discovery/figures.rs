@@ -99,8 +99,11 @@ pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
         points: before,
         dots: false,
     });
-    if !case.found.none {
-        let name = format!("with {}", case.found.accepted.join(", ").replace('_', " "));
+    if !case.found.findings.none {
+        let name = format!(
+            "with {}",
+            case.found.findings.accepted.join(", ").replace('_', " ")
+        );
         chart.series.push(Series {
             class: "after",
             name,
@@ -157,7 +160,7 @@ pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
         points: zip(time, &before),
         dots: false,
     });
-    if !case.found.none {
+    if !case.found.findings.none {
         chart.series.push(Series {
             class: "after",
             name: "after".into(),

@@ -75,10 +75,11 @@ pub fn cohort(cases: &DiscoverCases) -> Markup {
 /// The findings in a few words.
 fn verdict(case: &DiscoverCase) -> String {
     let found = &case.found;
-    match (&found.unexplained, found.none) {
+    match (&found.findings.unexplained, found.findings.none) {
         (Some(_), _) => "unexplained".to_owned(),
         (None, true) => "nothing is missing".to_owned(),
         (None, false) => found
+            .findings
             .accepted
             .iter()
             .map(|name| plain(name))
@@ -89,7 +90,7 @@ fn verdict(case: &DiscoverCase) -> String {
 
 fn section(case: &DiscoverCase) -> Markup {
     let found = &case.found;
-    let with = if found.none {
+    let with = if found.findings.none {
         "base model".to_owned()
     } else {
         format!("with {}", verdict(case))
@@ -98,7 +99,7 @@ fn section(case: &DiscoverCase) -> Markup {
         ("measured", "measured".to_owned()),
         ("before", "base model".to_owned()),
     ];
-    if !found.none {
+    if !found.findings.none {
         keys.push(("after", with));
     }
     html! {
@@ -122,8 +123,8 @@ fn section(case: &DiscoverCase) -> Markup {
             }
             (tables::lists(case))
             p.quiet {
-                "seed " (found.seed) " · an effect is named if its evidence exceeds " (format!("{:.1}", found.threshold))
-                " · p = " (format!("{:.4}", found.p_value)) " · " (found.n_evaluations) " parameter sets · data "
+                "seed " (found.seed) " · an effect is named if its evidence exceeds " (format!("{:.1}", found.findings.threshold))
+                " · p = " (format!("{:.4}", found.findings.p_value)) " · " (found.n_evaluations) " parameter sets · data "
                 @for (role, hash) in &found.data { (role) " " code { (hash.chars().take(12).collect::<String>()) } " " }
             }
         }
@@ -137,6 +138,7 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
     let found = &case.found;
     let shares = |signal: &str| -> f64 {
         found
+            .findings
             .places
             .iter()
             .filter(|p| p.signal == signal)
@@ -156,19 +158,23 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
     for chart in &mut charts {
         chart.size.0 = 640.0;
     }
-    let held = match (found.gap_heldout_before, found.gap_heldout_after) {
+    let held = match (
+        found.findings.gap_heldout_before,
+        found.findings.gap_heldout_after,
+    ) {
         (Some(before), Some(after)) => format!("; on held-out data {before:.2} to {after:.2}"),
         _ => String::new(),
     };
     let mut lines = vec![format!(
         "gap {:.2} to {:.2} times the noise{held}",
-        found.gap_before, found.gap_after
+        found.findings.gap_before, found.findings.gap_after
     )];
     lines.extend(
         found
+            .findings
             .effects
             .iter()
-            .filter(|e| found.accepted.contains(&e.name))
+            .filter(|e| found.findings.accepted.contains(&e.name))
             .map(words::strength),
     );
     Some(stacked(

@@ -23,8 +23,8 @@ pub fn ranking(case: &DiscoverCase) -> Markup {
     scrolling(&html! { table {
         caption { "Candidates" }
         thead { tr { th { "effect" } th { "probability" } th { "ΔBIC" } th { "evidence" } th.unit { "strength (95 %)" } th.unit { "in 3D" } } }
-        tbody { @for effect in found.effects.iter().take(SHOWN) {
-            @let accepted = found.accepted.contains(&effect.name);
+        tbody { @for effect in found.findings.effects.iter().take(SHOWN) {
+            @let accepted = found.findings.accepted.contains(&effect.name);
             tr {
                 th scope="row" { (plain(&effect.name)) @if accepted { span.good { " ● accepted" } } @if effect.artefact { span.quiet { " artefact" } } }
                 td.num { (format!("{:.3}", effect.probability)) }
@@ -51,14 +51,14 @@ pub fn gaps(case: &DiscoverCase) -> Markup {
     scrolling(&html! { table {
         caption { "Gap: rms residual over the noise" }
         thead { tr { th { "" } th { "before" } th { "after" } th { "held out, before" } th { "held out, after" } } }
-        tbody { @for gap in &found.gaps { tr {
+        tbody { @for gap in &found.findings.gaps { tr {
             th scope="row" { (name(gap)) }
             (number(Some(gap.before))) (number(Some(gap.after))) (number(gap.heldout_before)) (number(gap.heldout_after))
         } } }
         tfoot { tr {
             th scope="row" { "all, with scalars" }
-            (number(Some(found.gap_before))) (number(Some(found.gap_after)))
-            (number(found.gap_heldout_before)) (number(found.gap_heldout_after))
+            (number(Some(found.findings.gap_before))) (number(Some(found.findings.gap_after)))
+            (number(found.findings.gap_heldout_before)) (number(found.findings.gap_heldout_after))
         } }
     } })
 }
@@ -69,6 +69,7 @@ pub fn places(case: &DiscoverCase) -> Markup {
     let found = &case.found;
     let after = |place: &Place| {
         found
+            .findings
             .where_after
             .iter()
             .find(|p| p.signal == place.signal && p.phase == place.phase)
@@ -76,7 +77,7 @@ pub fn places(case: &DiscoverCase) -> Markup {
     scrolling(&html! { table {
         caption { "Where the base model and the data disagree" }
         thead { tr { th { "" } th { "data − model" } th { "z" } th { "share" } th { "z after" } th.unit { "moves" } } }
-        tbody { @for place in &found.places { tr {
+        tbody { @for place in &found.findings.places { tr {
             th scope="row" { (plain(&place.signal)) @if place.phase != "beat" { ", " (plain(&place.phase)) } }
             td.num { (format!("{:+.2}", place.size)) " " span.quiet { (place.unit) } }
             td.num { (format!("{:+.1}", place.z)) }
@@ -115,6 +116,7 @@ pub fn lists(case: &DiscoverCase) -> Markup {
     };
     let without = |name: &String| {
         let entry = found
+            .findings
             .not_identifiable_without
             .iter()
             .find(|n| n.name == *name);
@@ -126,14 +128,15 @@ pub fn lists(case: &DiscoverCase) -> Markup {
         }
     };
     let mut rows = vec![
-        ("Indistinguishable from", names(&found.confusable)),
+        ("Indistinguishable from", names(&found.findings.confusable)),
         (
             "Deciding measurement",
-            found.deciding_measurement.join("; "),
+            found.findings.deciding_measurement.join("; "),
         ),
         (
             "Not identifiable from these data",
             found
+                .findings
                 .not_identifiable
                 .iter()
                 .map(without)
@@ -141,7 +144,7 @@ pub fn lists(case: &DiscoverCase) -> Markup {
                 .join(", "),
         ),
     ];
-    if let Some(gap) = &found.unexplained {
+    if let Some(gap) = &found.findings.unexplained {
         let depends = gap.depends_on.iter().map(|d| {
             format!(
                 "{} on {} ({:.0} %)",
@@ -156,9 +159,10 @@ pub fn lists(case: &DiscoverCase) -> Markup {
         ));
     }
     for effect in found
+        .findings
         .effects
         .iter()
-        .filter(|effect| found.accepted.contains(&effect.name))
+        .filter(|effect| found.findings.accepted.contains(&effect.name))
     {
         rows.extend(effect.remedy.clone().map(|remedy| ("To do", remedy)));
     }
@@ -179,9 +183,9 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
             tr {
                 th scope="row" { a href={ "#missing-" (case.case) } { (case.case) } }
                 td { (super::verdict(case)) }
-                (number(Some(found.gap_before))) (number(Some(found.gap_after)))
-                (number(found.gap_heldout_before)) (number(found.gap_heldout_after))
-                td { (found.confusable.iter().map(|name| plain(name)).collect::<Vec<_>>().join(", ")) }
+                (number(Some(found.findings.gap_before))) (number(Some(found.findings.gap_after)))
+                (number(found.findings.gap_heldout_before)) (number(found.findings.gap_heldout_after))
+                td { (found.findings.confusable.iter().map(|name| plain(name)).collect::<Vec<_>>().join(", ")) }
             }
         } }
     } })

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::discover::{
-    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, FoundModel, GapAt,
-    InThreeDimensions, PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves,
-    StatedFilling, Unexplained,
+    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, Findings, FoundModel,
+    GapAt, InThreeDimensions, PhaseBegin, Place, RankedEffect, SearchSettings, Side,
+    SimulatedCurves, StatedFilling, Unexplained,
 };
 use cardiotwin_schemas::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 
@@ -102,26 +102,9 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
         volume_after_ml: volume.after.clone(),
     };
     let shrinks = |before: f64, after: f64| if n_accepted == 0 { before } else { after };
-    Discovered {
+    let (physiology, artefacts) = (of(false), of(true));
+    let findings = Findings {
         none: n_accepted == 0,
-        model: FoundModel {
-            effects: of(false),
-            corrections: of(true),
-            afterload: WindkesselParameters {
-                characteristic_resistance_mmhg_s_per_ml: 0.05,
-                peripheral_resistance_mmhg_s_per_ml: 0.9,
-                compliance_ml_per_mmhg: 1.5,
-            },
-            left_atrial_pressure_mmhg: 7.0,
-            passive: OneFibrePassive {
-                wall_volume_ml: 110.0,
-                unloaded_volume_ml: 50.0,
-                end_diastolic_volume_ml: 150.0,
-                end_diastolic_pressure_mmhg: 11.0,
-                stiffness_kpa: 1.1,
-                exponent: 9.0,
-            },
-        },
         effects,
         accepted,
         confusable: if n_accepted == 0 {
@@ -162,6 +145,27 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
                 heldout_after: None,
             })
             .into(),
+    };
+    Discovered {
+        findings,
+        model: FoundModel {
+            effects: physiology,
+            corrections: artefacts,
+            afterload: WindkesselParameters {
+                characteristic_resistance_mmhg_s_per_ml: 0.05,
+                peripheral_resistance_mmhg_s_per_ml: 0.9,
+                compliance_ml_per_mmhg: 1.5,
+            },
+            left_atrial_pressure_mmhg: 7.0,
+            passive: OneFibrePassive {
+                wall_volume_ml: 110.0,
+                unloaded_volume_ml: 50.0,
+                end_diastolic_volume_ml: 150.0,
+                end_diastolic_pressure_mmhg: 11.0,
+                stiffness_kpa: 1.1,
+                exponent: 9.0,
+            },
+        },
         biomarkers: vec![BiomarkerGap {
             name: "EDV_mL".to_owned(),
             measured: 151.0,
@@ -226,10 +230,10 @@ pub fn nothing() -> Discovered {
 /// A gap that no candidate explains.
 pub fn unexplained() -> Discovered {
     let mut found = nothing();
-    found.unexplained = Some(Unexplained {
+    found.findings.unexplained = Some(Unexplained {
         kind: "activation".to_owned(),
         log_evidence: 22.0,
-        place: found.places[0].clone(),
+        place: found.findings.places[0].clone(),
         depends_on: vec![Dependence {
             signal: "pressure".into(),
             variable: "aortic_flow".into(),

@@ -16,7 +16,7 @@ pub fn pool<'a>(patients: impl IntoIterator<Item = &'a Discovered>) -> Vec<Poole
     let mut by_name: BTreeMap<&str, PooledEffect> = BTreeMap::new();
     for found in patients {
         n_patients += 1;
-        for effect in &found.effects {
+        for effect in &found.findings.effects {
             let pooled = by_name.entry(&effect.name).or_insert_with(|| PooledEffect {
                 name: effect.name.clone(),
                 accepted_in: 0,
@@ -26,7 +26,7 @@ pub fn pool<'a>(patients: impl IntoIterator<Item = &'a Discovered>) -> Vec<Poole
             });
             pooled.tried_in += 1;
             pooled.log_evidence += effect.robust_evidence.min(LARGEST_SHARE);
-            pooled.accepted_in += u32::from(found.accepted.contains(&effect.name));
+            pooled.accepted_in += u32::from(found.findings.accepted.contains(&effect.name));
         }
     }
     let mut list: Vec<PooledEffect> = by_name.into_values().collect();

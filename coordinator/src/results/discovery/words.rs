@@ -89,7 +89,12 @@ pub fn place(place: &Place) -> String {
 /// The `n` places with the largest deviations in standard deviations.
 #[must_use]
 pub fn worst(found: &Discovered, n: usize) -> Vec<&Place> {
-    let mut places: Vec<&Place> = found.places.iter().filter(|p| p.share > 0.0).collect();
+    let mut places: Vec<&Place> = found
+        .findings
+        .places
+        .iter()
+        .filter(|p| p.share > 0.0)
+        .collect();
     places.sort_by(|a, b| b.z.abs().total_cmp(&a.z.abs()));
     places.truncate(n);
     places
@@ -98,7 +103,10 @@ pub fn worst(found: &Discovered, n: usize) -> Vec<&Place> {
 /// The whole finding in a paragraph.
 #[must_use]
 pub fn summary(found: &Discovered) -> String {
-    let mut text = match (&found.unexplained, found.accepted.as_slice()) {
+    let mut text = match (
+        &found.findings.unexplained,
+        found.findings.accepted.as_slice(),
+    ) {
         (Some(gap), []) => {
             let lead = gap.depends_on.first().map_or(String::new(), |d| {
                 format!(
@@ -117,22 +125,27 @@ pub fn summary(found: &Discovered) -> String {
         (_, []) => format!(
             "Nothing is missing: the base model follows the data to {:.2} times the noise, and no candidate is better by more \
              than chance (p = {:.3}).",
-            found.gap_before, found.p_value
+            found.findings.gap_before, found.findings.p_value
         ),
         (_, names) => named(found, names),
     };
-    if !found.confusable.is_empty() {
-        let rivals: Vec<String> = found.confusable.iter().map(|name| plain(name)).collect();
+    if !found.findings.confusable.is_empty() {
+        let rivals: Vec<String> = found
+            .findings
+            .confusable
+            .iter()
+            .map(|name| plain(name))
+            .collect();
         text.push_str(&format!(
             " These data cannot distinguish it from {}",
             rivals.join(", ")
         ));
-        if found.deciding_measurement.is_empty() {
+        if found.findings.deciding_measurement.is_empty() {
             text.push('.');
         } else {
             text.push_str(&format!(
                 "; these measurements would decide: {}.",
-                found.deciding_measurement.join("; ")
+                found.findings.deciding_measurement.join("; ")
             ));
         }
     }
@@ -140,9 +153,13 @@ pub fn summary(found: &Discovered) -> String {
 }
 
 fn named(found: &Discovered, names: &[String]) -> String {
-    let effects = names
-        .iter()
-        .filter_map(|name| found.effects.iter().find(|effect| effect.name == *name));
+    let effects = names.iter().filter_map(|name| {
+        found
+            .findings
+            .effects
+            .iter()
+            .find(|effect| effect.name == *name)
+    });
     let told: Vec<String> = effects
         .map(|effect| {
             let sure = format!("probability {:.2}", effect.probability);
@@ -150,7 +167,10 @@ fn named(found: &Discovered, names: &[String]) -> String {
         })
         .collect();
     let places: Vec<String> = worst(found, 2).into_iter().map(place).collect();
-    let held = match (found.gap_heldout_before, found.gap_heldout_after) {
+    let held = match (
+        found.findings.gap_heldout_before,
+        found.findings.gap_heldout_after,
+    ) {
         (Some(before), Some(after)) => {
             format!(", and on held-out data from {before:.2} to {after:.2}")
         }
@@ -158,6 +178,7 @@ fn named(found: &Discovered, names: &[String]) -> String {
     };
     let correct = |name: &&String| {
         found
+            .findings
             .effects
             .iter()
             .any(|effect| effect.name == **name && effect.artefact)
@@ -180,8 +201,8 @@ fn named(found: &Discovered, names: &[String]) -> String {
          the gap from {:.2} to {:.2} times the noise{held}.{remedy}",
         told.join("; "),
         places.join(" and in "),
-        found.gap_before,
-        found.gap_after,
+        found.findings.gap_before,
+        found.findings.gap_after,
     )
 }
 

@@ -19,8 +19,14 @@ fn same_class(a: &str, b: &str) -> bool {
             .any(|class| class.contains(&a) && class.contains(&b))
 }
 
+/// A gap; not-a-number if a refit failed.
+fn of(gap: Option<f64>) -> f64 {
+    gap.unwrap_or(f64::NAN)
+}
+
 /// One case as a line of text.
 pub fn line(id: &str, found: &Discovery, label: Option<&Label>, seconds: f64) -> String {
+    let found = &found.findings;
     let truth = label.map_or(String::new(), |l| {
         let off = if l.off_catalogue {
             " off-catalogue"
@@ -52,8 +58,8 @@ pub fn line(id: &str, found: &Discovery, label: Option<&Label>, seconds: f64) ->
         found.nameless_evidence,
         found.gap_before,
         found.gap_after,
-        found.gap_heldout_before,
-        found.gap_heldout_after,
+        of(found.gap_heldout_before),
+        of(found.gap_heldout_after),
         ranked.join(", "),
     )
 }
@@ -90,6 +96,7 @@ pub fn table(results: &[(String, Discovery)], labels: &BTreeMap<String, Label>) 
     let mut shares: Vec<Share> = names.iter().map(|_| Share::new()).collect();
     let mut held = Vec::new();
     for (id, found) in results {
+        let found = &found.findings;
         let Some(label) = labels.get(id) else {
             continue;
         };
@@ -118,9 +125,10 @@ pub fn table(results: &[(String, Discovery)], labels: &BTreeMap<String, Label>) 
             }
         }
         if first.is_some_and(right) {
-            held.push(found.gap_heldout_after);
+            let (before, after) = (of(found.gap_heldout_before), of(found.gap_heldout_after));
+            held.push(after);
             if label.band == "strong" {
-                shares[8].add(found.gap_heldout_after <= 0.6 * found.gap_heldout_before);
+                shares[8].add(after <= 0.6 * before);
             }
         }
     }

@@ -21,17 +21,16 @@ pub fn result(
     patient: &Patient,
     reduced: &Reduced,
     settings: &Settings,
-    found: &Discovery,
+    found: Discovery,
 ) -> Result<Discovered, TaskError> {
     let stated_filling = spec
         .left_atrial_pressure_mmhg
-        .map(|pressure| model::stated_filling(reduced, found, &patient.data, pressure))
+        .map(|pressure| model::stated_filling(reduced, &found, &patient.data, pressure))
         .transpose()?;
     let (before, after) = (
-        model::beat(reduced, found, false)?,
-        model::beat(reduced, found, true)?,
+        model::beat(reduced, &found, false)?,
+        model::beat(reduced, &found, true)?,
     );
-    let finite = |value: f64| value.is_finite().then_some(value);
     let names: Vec<String> = if settings.effects.is_empty() {
         reduced
             .candidates()
@@ -41,34 +40,20 @@ pub fn result(
     } else {
         settings.effects.clone()
     };
+    let (biomarkers, model) = (
+        biomarkers(patient, &before, &after)?,
+        model::accepted(reduced, &found)?,
+    );
     Ok(Discovered {
-        none: found.none,
-        effects: found.effects.clone(),
-        accepted: found.accepted.clone(),
-        confusable: distinct(found.confusable.iter().map(|c| &c.rival)),
-        confusable_with: found.confusable.clone(),
-        deciding_measurement: found.deciding_measurement.clone(),
-        not_identifiable: distinct(found.not_identifiable.iter().map(|n| &n.name)),
-        not_identifiable_without: found.not_identifiable.clone(),
-        unexplained: found.unexplained.clone(),
-        gap_before: found.gap_before,
-        gap_after: found.gap_after,
-        gap_heldout_before: finite(found.gap_heldout_before),
-        gap_heldout_after: finite(found.gap_heldout_after),
-        p_value: found.p_value,
-        threshold: found.threshold,
-        nameless_evidence: found.nameless_evidence,
-        places: found.places.clone(),
-        where_after: found.where_after.clone(),
-        gaps: found.gaps.clone(),
-        biomarkers: biomarkers(patient, &before, &after)?,
+        findings: found.findings,
+        biomarkers,
         stated_filling,
-        base: found.base.clone(),
-        base_before: found.base_before.clone(),
-        model: model::accepted(reduced, found)?,
+        base: found.base,
+        base_before: found.base_before,
+        model,
         noise_seen_over_stated: found.noise_seen_over_stated,
-        n_evaluations: found.n_evaluations as u64,
-        series: found.series.clone(),
+        n_evaluations: found.n_evaluations,
+        series: found.series,
         seed: settings.seed,
         settings: files::SearchSettings {
             effects: names,
@@ -81,16 +66,6 @@ pub fn result(
             .map(|f| (f.name.clone(), f.sha256.clone()))
             .into(),
     })
-}
-
-fn distinct<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
-    let mut list: Vec<String> = Vec::new();
-    for name in names {
-        if !list.contains(name) {
-            list.push(name.clone());
-        }
-    }
-    list
 }
 
 /// Biomarkers of the data and of both beats, with the same definitions and at the sample times of

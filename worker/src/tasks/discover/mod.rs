@@ -68,7 +68,7 @@ pub fn run(spec: &DiscoverSpec, context: &mut Context) -> Result<TaskResult, Tas
         }
     };
     context.check_stop()?;
-    let result = found::result(spec, &measured, &model, &settings, &found)?;
+    let result = found::result(spec, &measured, &model, &settings, found)?;
     Ok(TaskResult::Discover(Box::new(result)))
 }
 
@@ -156,24 +156,25 @@ mod tests {
     fn the_answer_is_whole_and_survives_json() {
         let found = found(&spec());
         assert_eq!(
-            (found.none, &found.accepted[..]),
+            (found.findings.none, &found.findings.accepted[..]),
             (false, &["pv_misalignment".to_owned()][..])
         );
         assert!(
-            found.gap_after < found.gap_before
-                && found.gap_heldout_after < found.gap_heldout_before
+            found.findings.gap_after < found.findings.gap_before
+                && found.findings.gap_heldout_after < found.findings.gap_heldout_before
         );
         // An artefact corrects the data and adds no effect to the heart.
         assert!(
             found.model.effects.is_empty() && found.model.corrections[0].name == "pv_misalignment"
         );
         let delay = found.model.corrections[0].parameters["volume_delay_ms"];
-        assert_eq!(delay, found.effects[0].strength["volume_delay_ms"]);
+        assert_eq!(delay, found.findings.effects[0].strength["volume_delay_ms"]);
         assert_eq!(
             found.settings.effects,
             ["pv_misalignment", "pressure_offset"]
         );
         let whole = found
+            .findings
             .gaps
             .iter()
             .filter(|g| g.phase == "beat")
@@ -186,8 +187,11 @@ mod tests {
                 found.series.volume.time_ms.len()
             ]
         );
-        let share: f64 = found.places.iter().map(|p| p.share).sum();
-        assert!((share - 1.0).abs() < 1e-9 && found.places.len() == found.where_after.len());
+        let share: f64 = found.findings.places.iter().map(|p| p.share).sum();
+        assert!(
+            (share - 1.0).abs() < 1e-9
+                && found.findings.places.len() == found.findings.where_after.len()
+        );
         assert!(
             found
                 .biomarkers

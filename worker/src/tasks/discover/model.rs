@@ -61,14 +61,14 @@ fn terms(model: &Reduced, found: &Discovery) -> Vec<Term> {
     let candidates = model.candidates();
     let term = |name: &String| {
         let at = candidates.iter().position(|c| c.name == *name)?;
-        let effect = found.effects.iter().find(|e| e.name == *name)?;
+        let effect = found.findings.effects.iter().find(|e| e.name == *name)?;
         let values = candidates[at]
             .parameters
             .iter()
             .map(|p| effect.strength.get(&p.name).copied());
         Some((at, values.collect::<Option<Vec<f64>>>()?))
     };
-    found.accepted.iter().filter_map(term).collect()
+    found.findings.accepted.iter().filter_map(term).collect()
 }
 
 /// The model that `--accept` writes to the overlay.

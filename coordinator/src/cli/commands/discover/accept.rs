@@ -36,7 +36,7 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
             continue;
         };
         let file = patient.folder.join("model.toml");
-        let names = case.found.accepted.join(", ");
+        let names = case.found.findings.accepted.join(", ");
         let said = match overlay::accept(&patient.folder, case, &clock::now_utc())? {
             Change::Written(version) => {
                 n_written += 1;

@@ -32,8 +32,8 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
             "NOTE",
         ],
     );
-    for effect in found.effects.iter().take(SHOWN) {
-        let accepted = found.accepted.contains(&effect.name);
+    for effect in found.findings.effects.iter().take(SHOWN) {
+        let accepted = found.findings.accepted.contains(&effect.name);
         let note = match (accepted, effect.plausible) {
             (true, _) if effect.artefact => "accepted: correct the data",
             (true, _) => "accepted",
@@ -54,28 +54,32 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     text.push_str(&format!(
         "an effect is named if its evidence exceeds {:.1}; the best unnamed competitor has \
          {:.1}\n\n",
-        found.threshold, found.nameless_evidence
+        found.findings.threshold, found.findings.nameless_evidence
     ));
     text.push_str(&places(case, talk));
     text.push_str(&gaps(case, talk));
     let lists = [
-        ("indistinguishable from", found.confusable.join(", ")),
+        (
+            "indistinguishable from",
+            found.findings.confusable.join(", "),
+        ),
         (
             "deciding measurement",
-            found.deciding_measurement.join("; "),
+            found.findings.deciding_measurement.join("; "),
         ),
         (
             "not identifiable from these data",
-            found.not_identifiable.join(", "),
+            found.findings.not_identifiable.join(", "),
         ),
     ];
     for (label, list) in lists.iter().filter(|(_, list)| !list.is_empty()) {
         text.push_str(&format!("{label}: {list}\n"));
     }
     for effect in found
+        .findings
         .effects
         .iter()
-        .filter(|effect| found.accepted.contains(&effect.name))
+        .filter(|effect| found.findings.accepted.contains(&effect.name))
     {
         let how = effect
             .in_3d
@@ -107,7 +111,7 @@ fn places(case: &DiscoverCase, talk: &Talk) -> String {
         ],
     );
     let mut n_left_out = 0;
-    for place in &case.found.places {
+    for place in &case.found.findings.places {
         if place.z.abs() < Z {
             n_left_out += 1;
             continue;
@@ -115,6 +119,7 @@ fn places(case: &DiscoverCase, talk: &Talk) -> String {
         let same = |p: &&Place| p.signal == place.signal && p.phase == place.phase;
         let after = case
             .found
+            .findings
             .where_after
             .iter()
             .find(same)
@@ -165,7 +170,7 @@ fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
         );
         cells
     };
-    for gap in found.gaps.iter().filter(|gap| gap.phase == "beat") {
+    for gap in found.findings.gaps.iter().filter(|gap| gap.phase == "beat") {
         table.row(row(
             &gap.signal,
             [
@@ -177,10 +182,10 @@ fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
         ));
     }
     let all = [
-        Some(found.gap_before),
-        Some(found.gap_after),
-        found.gap_heldout_before,
-        found.gap_heldout_after,
+        Some(found.findings.gap_before),
+        Some(found.findings.gap_after),
+        found.findings.gap_heldout_before,
+        found.findings.gap_heldout_after,
     ];
     table.row(row("all", all));
     format!(
@@ -207,25 +212,26 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     );
     for case in cases.values() {
         let found = &case.found;
-        let missing = match (&found.unexplained, found.none) {
+        let missing = match (&found.findings.unexplained, found.findings.none) {
             (Some(_), _) => "unexplained".to_owned(),
             (None, true) => "none".to_owned(),
-            (None, false) => found.accepted.join(" + "),
+            (None, false) => found.findings.accepted.join(" + "),
         };
         let first = found
+            .findings
             .effects
             .first()
-            .filter(|_| !found.none)
+            .filter(|_| !found.findings.none)
             .map(|effect| format!("{:.2}", effect.probability));
         table.row([
             case.case.clone(),
             missing,
             first.unwrap_or_default(),
-            format!("{:.2}", found.gap_before),
-            format!("{:.2}", found.gap_after),
-            optional(found.gap_heldout_before),
-            optional(found.gap_heldout_after),
-            found.confusable.join(", "),
+            format!("{:.2}", found.findings.gap_before),
+            format!("{:.2}", found.findings.gap_after),
+            optional(found.findings.gap_heldout_before),
+            optional(found.findings.gap_heldout_after),
+            found.findings.confusable.join(", "),
         ]);
     }
     let mut text = table.text();
