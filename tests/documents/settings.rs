@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use cardiotwin_schemas::ranges::Ranges;
 use cardiotwin_schemas::settings::Settings;
 use regex::Regex;
 use serde_json::{Map, Value};
@@ -130,11 +131,13 @@ fn settings_exist() {
     assert!(n_keys > 100, "only {n_keys} settings were found");
 }
 
-/// A key with the default that a table of a page gives for it.
+/// A key with the default and the range that a table of a page gives for it.
 struct Row {
     place: String,
     key: String,
     default: String,
+    /// Cell of the column `allowed`, where the table has one.
+    allowed: String,
 }
 
 /// Rows of all tables with a first column `key` or ``key of `TABLE` `` and a column `default`.
@@ -143,7 +146,7 @@ fn rows(file: &std::path::Path) -> Vec<Row> {
     let code = Regex::new(r"`([^`]+)`").expect("a regular expression");
     let text = read(file);
     let mut found = Vec::new();
-    let mut columns: Option<(String, usize)> = None;
+    let mut columns: Option<(String, usize, Option<usize>)> = None;
     let mut inside = false;
     for (number, line) in lines(&text, false) {
         if !line.starts_with('|') {
@@ -158,8 +161,11 @@ fn rows(file: &std::path::Path) -> Vec<Row> {
                 Some(of) => Some(format!("{}.", &of[1])),
                 None => (cells[0] == "key").then(String::new),
             };
-            columns = before.zip(cells.iter().position(|cell| *cell == "default"));
-        } else if let Some((before, column)) = &columns
+            let column = |name: &str| cells.iter().position(|cell| *cell == name);
+            columns = before
+                .zip(column("default"))
+                .map(|(before, default)| (before, default, column("allowed")));
+        } else if let Some((before, column, allowed)) = &columns
             && let Some(key) = code.captures(cells[0])
         {
             let cell = cells.get(*column).copied().unwrap_or_default();
@@ -169,6 +175,9 @@ fn rows(file: &std::path::Path) -> Vec<Row> {
                 default: code
                     .captures(cell)
                     .map_or_else(|| cell.to_owned(), |value| value[1].to_owned()),
+                allowed: allowed
+                    .and_then(|column| cells.get(column))
+                    .map_or_else(String::new, |cell| (*cell).to_owned()),
             });
         }
     }
@@ -202,6 +211,7 @@ fn defaults_are_the_programs() {
             place,
             key,
             default,
+            ..
         } in rows(&file)
         {
             if name_of(&file) == "settings.md" {
@@ -245,6 +255,86 @@ fn defaults_are_the_programs() {
     leaves(&cohort, &cohort, "", &mut all);
     let missing: Vec<&String> = all.difference(&told).collect();
     assert!(missing.is_empty(), "docs/settings.md lacks {missing:?}");
+}
+
+/// The ends of a range in words such as `above 0, to 1,000`, `0 to 1` or `0 or more`: values that
+/// must be accepted, and values that must be refused.
+fn ends(allowed: &str) -> Option<(Vec<f64>, Vec<f64>)> {
+    let number = |text: &str| text.trim().replace(',', "").parse::<f64>().ok();
+    let beyond = |high: f64| high + 1e-3 * high.abs().max(1.0);
+    if let Some(above) = allowed.strip_prefix("above ") {
+        let (low, high) = match above.split_once(", to ") {
+            Some((low, high)) => (number(low)?, Some(number(high)?)),
+            None => (number(above)?, None),
+        };
+        let accepted = [Some(low + 1e-3), high].into_iter().flatten().collect();
+        return Some((
+            accepted,
+            [Some(low), high.map(beyond)]
+                .into_iter()
+                .flatten()
+                .collect(),
+        ));
+    }
+    if let Some(low) = allowed.strip_suffix(" or more") {
+        let low = number(low)?;
+        return Some((vec![low], vec![low - 1e-3]));
+    }
+    let (low, high) = allowed.split_once(" to ")?;
+    let (low, high) = (number(low)?, number(high)?);
+    Some((vec![low, high], vec![low - 1e-3, beyond(high)]))
+}
+
+/// The ranges in the column `allowed` are those that the settings' types state.
+#[test]
+fn allowed_ranges_are_the_programs() {
+    let ranges = Ranges::of::<Settings>();
+    let is_accepted = |key: &str, value: f64| {
+        with(key, Value::from(value)).is_ok_and(|settings| {
+            ranges
+                .outside(&settings)
+                .iter()
+                .all(|found| found.key != key)
+        })
+    };
+    let mut n_ranges = 0;
+    let mut problems = Vec::new();
+    for file in documents() {
+        for Row {
+            place,
+            key,
+            allowed,
+            ..
+        } in rows(&file)
+        {
+            let Some((accepted, refused)) = ends(&allowed) else {
+                continue;
+            };
+            n_ranges += 1;
+            for value in accepted
+                .into_iter()
+                .filter(|value| !is_accepted(&key, *value))
+            {
+                problems.push(format!(
+                    "{place}: {key} = {value} is refused, the page has {allowed}"
+                ));
+            }
+            for value in refused
+                .into_iter()
+                .filter(|value| is_accepted(&key, *value))
+            {
+                problems.push(format!(
+                    "{place}: {key} = {value} is accepted, the page has {allowed}"
+                ));
+            }
+        }
+    }
+    assert!(
+        problems.is_empty(),
+        "ranges that are not the program's:\n  {}",
+        problems.join("\n  ")
+    );
+    assert!(n_ranges > 20, "only {n_ranges} ranges were found");
 }
 
 /// The program accepts every value that a page gives to a setting, as in `solver.fidelity =
