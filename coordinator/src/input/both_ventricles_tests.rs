@@ -87,7 +87,7 @@ fn a_right_ventricle_with_a_pressure_or_a_trace_is_taken() {
 #[test]
 fn what_is_wrong_with_a_right_ventricle_is_said_with_key_and_line() {
     let of = |lines: &str, trace: Option<&str>| said(&table(lines), "", trace).1;
-    let place = "patients/P1/patient.toml:18:1: anatomy.mesh.right_ventricle";
+    let place = "patients/P1/patient.toml:18:15: anatomy.mesh.right_ventricle";
     only(
         &of("surface = \"endo_rv\"", None),
         &[place, "neither a pressure nor a trace", "rv_pressure.csv"],

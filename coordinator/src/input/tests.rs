@@ -266,7 +266,7 @@ fn problems_of_all_files_come_at_once() {
         "step2.popsize",
         "looks like seconds",
         "add `cycle_length_ms`",
-        "patients/P3/patient.toml:1: found a syntax error",
+        "patients/P3/patient.toml:1:9: found a syntax error",
     ] {
         assert!(
             said.iter().any(|s| s.contains(part)),
