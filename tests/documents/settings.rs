@@ -106,7 +106,12 @@ fn settings_exist() {
                     .map(|found| (number, found[1].to_owned())),
             );
         }
+        // A worked change adds a setting that the program does not have.
+        let is_added = |line: &str| name_of(&file) == "CONTRIBUTING.md" && line.starts_with('+');
         for (number, line) in code {
+            if is_added(&line) {
+                continue;
+            }
             for found in key.captures_iter(&line) {
                 let key = &found[1];
                 // Names such as `step1.md` and `executor.rs` are files.
