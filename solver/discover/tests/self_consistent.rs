@@ -334,7 +334,7 @@ fn bad_input_is_named() {
         .unwrap_err()
         .to_string();
     assert!(
-        message.contains("no effect kick") && message.contains("atrial_kick"),
+        message.contains("unknown effect kick") && message.contains("atrial_kick"),
         "{message}"
     );
 }
