@@ -374,7 +374,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("calibrate", 3),
     ("cell-engine", 2),
     ("discover", 1),
-    ("linalg", 1),
     ("mechanics", 5),
     ("mesh", 4),
     ("models", 3),
