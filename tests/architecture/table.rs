@@ -377,7 +377,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("mechanics", 5),
     ("mesh", 4),
     ("models", 3),
-    ("signals", 1),
     ("worker", 4),
 ];
 
