@@ -373,7 +373,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("vocabulary", 1),
     ("calibrate", 3),
     ("cell-engine", 2),
-    ("discover", 1),
     ("mechanics", 5),
     ("mesh", 4),
     ("models", 3),
