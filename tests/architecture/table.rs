@@ -372,7 +372,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("schemas", 1),
     ("vocabulary", 1),
     ("calibrate", 3),
-    ("cell-engine", 2),
     ("mechanics", 5),
     ("mesh", 4),
     ("models", 3),
