@@ -374,7 +374,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("calibrate", 3),
     ("mechanics", 5),
     ("mesh", 4),
-    ("models", 3),
     ("worker", 4),
 ];
 
