@@ -371,7 +371,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("workflow", 1),
     ("schemas", 1),
     ("vocabulary", 1),
-    ("calibrate", 3),
     ("mechanics", 5),
     ("mesh", 4),
     ("worker", 4),
