@@ -372,7 +372,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("schemas", 1),
     ("vocabulary", 1),
     ("mechanics", 5),
-    ("mesh", 4),
     ("worker", 4),
 ];
 
