@@ -371,7 +371,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("workflow", 1),
     ("schemas", 1),
     ("vocabulary", 1),
-    ("mechanics", 5),
     ("worker", 4),
 ];
 
