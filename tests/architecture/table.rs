@@ -371,14 +371,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("workflow", 1),
     ("schemas", 1),
     ("vocabulary", 1),
-    ("calibrate", 3),
-    ("cell-engine", 2),
-    ("discover", 1),
-    ("linalg", 1),
-    ("mechanics", 5),
-    ("mesh", 4),
-    ("models", 3),
-    ("signals", 1),
     ("worker", 4),
 ];
 
