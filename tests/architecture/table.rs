@@ -370,7 +370,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("coordinator", 10),
     ("workflow", 1),
     ("schemas", 1),
-    ("vocabulary", 1),
     ("calibrate", 3),
     ("cell-engine", 2),
     ("discover", 1),
