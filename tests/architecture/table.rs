@@ -369,7 +369,6 @@ pub const SOLVER_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "
 pub const CIRCLES: &[(&str, usize)] = &[
     ("coordinator", 10),
     ("workflow", 1),
-    ("schemas", 1),
     ("calibrate", 3),
     ("cell-engine", 2),
     ("discover", 1),
