@@ -368,7 +368,6 @@ pub const SOLVER_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "
 /// only fall; a crate without a row has none.
 pub const CIRCLES: &[(&str, usize)] = &[
     ("coordinator", 10),
-    ("workflow", 1),
     ("calibrate", 3),
     ("cell-engine", 2),
     ("discover", 1),
