@@ -376,7 +376,6 @@ pub const CIRCLES: &[(&str, usize)] = &[
     ("mesh", 4),
     ("models", 3),
     ("signals", 1),
-    ("worker", 4),
 ];
 
 /// Largest number of lines of a source file. A file of more than about 400 should be split; above
