@@ -14,7 +14,7 @@ const AHEAD: usize = 4096;
 /// Size of a cache line \[bytes\].
 const LINE: usize = 64;
 
-/// Prefetches the part of `list` that lies [`AHEAD`] bytes after `range`; no effect on processors
+/// Prefetches the part of `list` that lies `AHEAD` bytes after `range`; no effect on processors
 /// without such an instruction.
 #[inline(always)]
 pub fn prefetch<T>(list: &[T], range: &Range<usize>) {

@@ -2,7 +2,7 @@
 //! coordinator, without the coordinator's database.
 //!
 //! A patient waits in the queue only once: the task that follows from a simulation is derived here
-//! ([`derivation::evaluate`]) and begun at once. Every simulation is an attempt in a directory of
+//! ([`evaluate`](cardiotwin_workflow::derivation::evaluate)) and begun at once. Every simulation is an attempt in a directory of
 //! its own, as if the coordinator had begun it; the coordinator finds these directories and updates
 //! its books from them. A task that is expected to exceed the remaining time is not begun.
 

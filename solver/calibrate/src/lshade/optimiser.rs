@@ -105,9 +105,9 @@ impl Settings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// [`AdaptiveEvolution::ask`] returns the first population.
+    /// [`LShade::ask`] returns the first population.
     FirstPopulation,
-    /// [`AdaptiveEvolution::ask`] returns the candidates of a generation.
+    /// [`LShade::ask`] returns the candidates of a generation.
     Evolution,
     /// A local search polishes the best member.
     Polish,

@@ -1,6 +1,6 @@
 //! The passive laws: what each one has to say, and the enum over all of them.
 //!
-//! A further law is one file that implements [`PassiveLaw`] for its constants, and one line in [`laws`].
+//! A further law is one file that implements [`PassiveLaw`] for its constants, and one line in `laws!`.
 //!
 //! Step 0 fits a law to a patient by two factors, one of all moduli and one of all exponents:
 //!

@@ -202,7 +202,7 @@ impl FiniteElementVentricle {
     /// [`crate::newton::LinearSolver::BlockJacobi`] only.
     ///
     /// A rank that panics or does not respond in time ends all ranks: the next operation then unwinds with the failure's text
-    /// ([`crate::parallel::RankFailure`]).
+    /// ([`cardiotwin_linalg::parallel::RankFailure`]).
     ///
     /// # Errors
     /// As for [`Self::new`]; [`VentricleError::Parameter`] for elements or a solver that do not run on several ranks.
