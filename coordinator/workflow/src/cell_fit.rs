@@ -10,7 +10,7 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::CalciumSource;
 use cardiotwin_schemas::task::{CellFitSpec, InputFile};
 
-use crate::stream::stream;
+use crate::derivation::stream;
 
 /// Specification of the fit of a patient's cell.
 #[must_use]

@@ -13,7 +13,6 @@ pub mod fibres;
 pub mod findings;
 pub mod fits;
 pub mod label;
-mod labels;
 pub mod motion;
 pub mod passive_law;
 pub mod ranges;

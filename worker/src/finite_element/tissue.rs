@@ -7,8 +7,7 @@ use cardiotwin_mesh::TetMesh;
 
 use super::FiniteElementError;
 use super::passive::Workers;
-use crate::call::Call;
-use crate::team::Team;
+use crate::team::{Call, Team};
 
 /// Carries out a job on all workers if the mesh is large enough, otherwise on one. `fibres_done` is
 /// called when the fibres are computed.

@@ -12,13 +12,11 @@ mod correction;
 mod minimise;
 mod of_step1;
 mod propose;
-mod run;
 mod trust;
 
 pub use minimise::Effort;
 pub use of_step1::{Step1Problem, Step1Run, plausible, propose_step1};
-pub use propose::{Nearness, Prior, Problem, Proposal, Trial, propose};
-pub use run::Run;
+pub use propose::{Nearness, Prior, Problem, Proposal, Run, Trial, propose};
 
 #[cfg(test)]
 mod tests;

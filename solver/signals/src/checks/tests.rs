@@ -1,9 +1,7 @@
 use super::*;
-use crate::{Quantity, Trace};
-use cardiotwin_units::{Ml, Mmhg};
+use crate::Quantity;
 use proptest::prelude::*;
 use std::f64::consts::PI;
-use std::path::Path;
 
 const CYCLE_MS: f64 = 800.0;
 

@@ -26,10 +26,9 @@ use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::late_sector::LateSector;
-use super::models::{contraction, effects, has_calcium, heart as left_heart, settings};
-use super::potentials;
-use super::result::{Seen, ending};
-use crate::call::Call;
+use super::{
+    Seen, contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings,
+};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
@@ -41,7 +40,7 @@ use crate::finite_element::shapes::Shapes;
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
 use crate::nodal;
-use crate::team::{Session, Team};
+use crate::team::{Call, Session, Team};
 
 /// Ventricle and circulation at the beginning of the beat.
 pub(super) struct Organ {

@@ -1,8 +1,6 @@
 //! `cardiotwin fit`: fits of parameters to measured traces, outside any run.
 
-mod afterload;
-pub mod afterload_answer;
-mod afterload_args;
+pub mod afterload;
 mod calcium;
 mod cohort_toml;
 mod cuff;
@@ -24,7 +22,7 @@ pub struct FitArgs {
 
 #[derive(Debug, Subcommand)]
 enum FitCommand {
-    Afterload(afterload_args::AfterloadArgs),
+    Afterload(afterload::AfterloadArgs),
     Calcium(calcium::CalciumArgs),
 }
 

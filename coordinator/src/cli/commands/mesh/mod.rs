@@ -1,7 +1,6 @@
 //! `cardiotwin mesh`: check, repair, remeshing and refinement of a patient's own mesh.
 
 mod check;
-mod error;
 mod file;
 mod mmg;
 mod parse;
@@ -16,7 +15,8 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-pub use error::{MeshFileCommandError, MmgError};
+pub use file::MeshFileCommandError;
+pub use mmg::MmgError;
 
 /// Check, repair, remesh or refine a tetrahedral mesh of a left ventricle
 #[derive(Debug, Args)]

@@ -9,8 +9,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::check;
-use super::error::MeshFileCommandError;
-use super::file::{Source, Target};
+use super::file::{MeshFileCommandError, Source, Target};
 use super::parse;
 use super::summary::{Figures, Told};
 use crate::cli::error::CliError;
