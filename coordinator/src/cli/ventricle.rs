@@ -16,6 +16,7 @@ use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::settings::CalciumSource;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_schemas::verdict::Verdict;
+use tempfile::TempDir;
 
 use super::error::CliError;
 use super::place::Folders;
@@ -43,6 +44,8 @@ pub struct Ventricle {
     /// Passive state and loads from step 0.
     pub passive: PassiveStateResult,
     record: Option<PatientRecord>,
+    /// Folder with the files of a passive state that was computed for this command.
+    _scratch: Option<TempDir>,
 }
 
 impl Ventricle {
@@ -67,11 +70,12 @@ impl Ventricle {
             meshes: true,
         };
         let plan = plan(folders, &options, record.as_ref(), talk)?;
-        let passive = passive_state(&plan, record.as_ref(), worker)?;
+        let (passive, scratch) = passive_state(&plan, record.as_ref(), worker)?;
         Ok(Self {
             plan,
             passive,
             record,
+            _scratch: scratch,
         })
     }
 
@@ -94,6 +98,7 @@ impl Ventricle {
             plan: record.plan.clone(),
             passive: step0.result.clone(),
             record: Some(record),
+            _scratch: None,
         })
     }
 
@@ -247,24 +252,25 @@ fn plan(
         })
 }
 
-/// The run's passive state if it was computed from these inputs; otherwise the worker computes it.
+/// The run's passive state if it was computed from these inputs; otherwise the worker computes it
+/// into a temporary folder, which holds the mesh of a finite-element ventricle.
 fn passive_state(
     plan: &ResolvedPatient,
     record: Option<&PatientRecord>,
     worker: &Path,
-) -> Result<PassiveStateResult, CliError> {
+) -> Result<(PassiveStateResult, Option<TempDir>), CliError> {
     let task = TaskSpec::PassiveState(Box::new(plan.step0_spec()));
     if let Some(step0) = record
         .and_then(|record| record.step0.as_ref())
         .filter(|step0| step0.key == task.key())
     {
-        return Ok(step0.result.clone());
+        return Ok((step0.result.clone(), None));
     }
     let scratch =
         tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     match ask_worker(worker, &task, scratch.path(), 0.0, AskedFor::TheOrgan)?.ending {
         Ending::Succeeded { result } => match *result {
-            TaskResult::PassiveState(result) => Ok(result),
+            TaskResult::PassiveState(result) => Ok((result, Some(scratch))),
             _ => Err(unexpected(worker)),
         },
         other => Err(CliError::Simulation {
