@@ -287,6 +287,7 @@ mod tests {
     }
 
     /// Scale of the round-off in [`expression`], whose terms are of the order of one and may cancel.
+    /// Two of them are exponentials, each of which is accurate to 1e-14 in a lane.
     fn scale(exact: f64) -> f64 {
         exact.abs().max(1.0)
     }
@@ -296,7 +297,7 @@ mod tests {
         fn all_numbers_compute_alike(x in 0.5..3.0f64) {
             let exact = expression(x);
             for lane in [expression(Lane::<true>(x)).0, expression(Lane::<false>(x)).0] {
-                prop_assert!((lane - exact).abs() < 1e-14 * scale(exact), "{} {}", lane, exact);
+                prop_assert!((lane - exact).abs() < 4e-14 * scale(exact), "{} {}", lane, exact);
             }
             let single = f64::from(expression(x as f32));
             prop_assert!((single - exact).abs() < 1e-6 * scale(exact), "{} {}", single, exact);
