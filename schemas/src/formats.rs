@@ -13,6 +13,7 @@
 
 use std::collections::BTreeSet;
 
+use cardiotwin_vocabulary::json_schema::resolve;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -421,26 +422,6 @@ fn walk(value: &mut Value, schema: &Value, root: &Value) {
             }
         }
         _ => {}
-    }
-}
-
-/// Follows references, and the one real alternative of an optional value.
-fn resolve<'a>(mut schema: &'a Value, root: &'a Value) -> &'a Value {
-    loop {
-        let alternatives = schema.get("anyOf").and_then(Value::as_array);
-        let real = alternatives.and_then(|all| {
-            all.iter()
-                .find(|one| one.get("type").and_then(Value::as_str) != Some("null"))
-        });
-        let name = schema
-            .get("$ref")
-            .and_then(Value::as_str)
-            .and_then(|reference| reference.strip_prefix("#/$defs/"));
-        let definition = name.and_then(|name| root.get("$defs").and_then(|all| all.get(name)));
-        match real.or(definition) {
-            Some(next) => schema = next,
-            None => return schema,
-        }
     }
 }
 

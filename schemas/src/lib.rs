@@ -45,4 +45,6 @@ pub mod verdict;
 
 pub mod json_schemas;
 
-pub use cardiotwin_vocabulary::{biomarker_noise, biomarkers, cell, label, ranges, step1};
+pub use cardiotwin_vocabulary::{
+    biomarker_noise, biomarkers, cell, json_schema, label, ranges, step1,
+};

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::cell::{TABLE_A7, cell_parameter};
 use crate::external::ExternalSettings;
@@ -66,14 +66,14 @@ impl Settings {
 
 /// Lays settings over earlier ones: tables are merged key by key, every other value takes the place
 /// of the earlier one. All layers of settings are merged by this function.
-pub fn lay_over(below: &mut Value, above: &Value) {
-    match (below, above) {
-        (Value::Object(below), Value::Object(above)) => {
-            for (key, value) in above {
-                lay_over(below.entry(key.clone()).or_insert(Value::Null), value);
+pub fn lay_over(below: &mut Map<String, Value>, above: &Map<String, Value>) {
+    for (key, value) in above {
+        match (below.get_mut(key), value) {
+            (Some(Value::Object(below)), Value::Object(above)) => lay_over(below, above),
+            _ => {
+                below.insert(key.clone(), value.clone());
             }
         }
-        (below, above) => *below = above.clone(),
     }
 }
 

@@ -41,6 +41,10 @@ pub struct Plugin {
     pub name: &'static str,
     /// Parameters as `name=value` with commas, a value of openCARP's `imp_region[].plug_param`.
     pub parameters: String,
+    /// Name of the parameter file that an export writes.
+    file: &'static str,
+    /// Comment at the beginning of this file.
+    comment: &'static str,
 }
 
 /// Plugin for a model of active stress, with its parameters in kPa, ms and µM.
@@ -73,6 +77,8 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
                 ("ld_up", p.a4_ms),
                 ("ldOn", 1.0),
             ]),
+            file: "tanh.par",
+            comment: "# Tanh model of step 1 (Jung et al. 2022, eqs. A1-A3). openCARP calls the plugin Stress_Niederer.\n",
         }),
         ContractionSpec::Land2017Rice { parameters, .. }
         | ContractionSpec::Land2017Trace { parameters, .. } => {
@@ -100,6 +106,9 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
                     ("beta_0", cell.value("beta_0")?),
                     ("beta_1", cell.value("beta_1_uM")?),
                 ]),
+                file: "land17.par",
+                comment: "# Land 2017 as fitted by step 2. Calcium is to be that of calcium.csv (clamp Cai to it); the plugin scales tension\n\
+                          # with max(0.87, min(1.2, lambda)) where Land et al. 2017 have h(lambda): set that right in a copy of the plugin.\n",
             })
         }
     }
@@ -183,26 +192,7 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
         "# A personalised model of active stress, written by cardiotwin {}; kPa, ms, uM.\n",
         env!("CARGO_PKG_VERSION")
     );
-    let file = match &spec.contraction {
-        ContractionSpec::Catalogue { name, .. } => {
-            return Err(TaskError::NoPlugin {
-                model: name.clone(),
-            });
-        }
-        ContractionSpec::Tanh { .. } => {
-            text.push_str(
-                "# Tanh model of step 1 (Jung et al. 2022, eqs. A1-A3). openCARP calls the plugin Stress_Niederer.\n",
-            );
-            "tanh.par"
-        }
-        ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => {
-            text.push_str(
-                "# Land 2017 as fitted by step 2. Calcium is to be that of calcium.csv (clamp Cai to it); the plugin scales tension\n\
-                 # with max(0.87, min(1.2, lambda)) where Land et al. 2017 have h(lambda): set that right in a copy of the plugin.\n",
-            );
-            "land17.par"
-        }
-    };
+    text.push_str(plugin.comment);
     let _ = writeln!(text, "tend = {}", spec.cycle_length_ms);
     if meshed {
         let _ = write!(
@@ -228,7 +218,7 @@ fn parameter_file(spec: &OrganBeatSpec, meshed: bool) -> Result<(&'static str, S
         "imp_region[0].plugins = \"{}\"\nimp_region[0].plug_param = \"{}\"\n",
         plugin.name, plugin.parameters
     );
-    Ok((file, text))
+    Ok((plugin.file, text))
 }
 
 /// Calcium that drives the model, one sample per millisecond; `None` for a model without calcium.

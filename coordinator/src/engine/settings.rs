@@ -4,6 +4,8 @@ use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::lay_over;
 use cardiotwin_workflow::patient::Stage;
+use serde::Serialize;
+use serde_json::{Map, Value};
 
 /// `given` with the tables of `overrides` laid over its settings, key by key.
 ///
@@ -13,10 +15,10 @@ pub fn plan(
     given: &ResolvedPatient,
     overrides: &SettingsLayer,
 ) -> Result<ResolvedPatient, serde_json::Error> {
-    let mut settings = serde_json::to_value(&given.settings)?;
-    lay_over(&mut settings, &serde_json::to_value(overrides)?);
+    let mut settings = table(&given.settings)?;
+    lay_over(&mut settings, &table(overrides)?);
     Ok(ResolvedPatient {
-        settings: serde_json::from_value(settings)?,
+        settings: serde_json::from_value(Value::Object(settings))?,
         ..given.clone()
     })
 }
@@ -29,9 +31,14 @@ pub fn merged(
     earlier: &SettingsLayer,
     later: &SettingsLayer,
 ) -> Result<SettingsLayer, serde_json::Error> {
-    let mut layer = serde_json::to_value(earlier)?;
-    lay_over(&mut layer, &serde_json::to_value(later)?);
-    serde_json::from_value(layer)
+    let mut layer = table(earlier)?;
+    lay_over(&mut layer, &table(later)?);
+    serde_json::from_value(Value::Object(layer))
+}
+
+/// Settings as a table.
+fn table<T: Serialize>(settings: &T) -> Result<Map<String, Value>, serde_json::Error> {
+    serde_json::from_value(serde_json::to_value(settings)?)
 }
 
 /// The first table of a layer that acts on a stage before `from`, with that stage.

@@ -187,12 +187,13 @@ impl Merged {
     /// # Errors
     /// A layer does not fit [`Settings`]; `fit` has reported the reason.
     pub fn of<'a>(layers: impl IntoIterator<Item = &'a Layer>) -> Result<Self, serde_json::Error> {
-        let mut value = Value::Object(Map::new());
+        let mut value = Map::new();
         let mut origins = BTreeMap::new();
         for layer in layers {
-            lay_over(&mut value, &Value::Object(layer.value.clone()));
+            lay_over(&mut value, &layer.value);
             origins.extend(layer.origins.clone());
         }
+        let value = Value::Object(value);
         Ok(Self {
             settings: serde_json::from_value(value.clone())?,
             origins,

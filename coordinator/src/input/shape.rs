@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use cardiotwin_schemas::json_schema::resolve;
 use cardiotwin_schemas::ranges::Range;
 use cardiotwin_signals::{Position, Problem};
 use serde_json::{Map, Value};
@@ -56,7 +57,7 @@ impl<'a> Walk<'a> {
 
     /// The value if it fits; otherwise `None`, with the reason in the report.
     fn node(&mut self, node: &Node, schema: &'a Value, key: &str) -> Option<Value> {
-        let schema = self.resolve(schema);
+        let schema = resolve(schema, self.root);
         let choices: Vec<&'a str> = choices(schema);
         let kind = schema
             .get("type")
@@ -199,7 +200,7 @@ impl<'a> Walk<'a> {
             let Some(property) = properties.and_then(|all| all.get(name)) else {
                 continue;
             };
-            let inner_schema = self.resolve(property);
+            let inner_schema = resolve(property, self.root);
             if !table.contains_key(name) && self.document.sound {
                 self.missing(at, &join(key, name), name, property);
             }
@@ -210,7 +211,7 @@ impl<'a> Walk<'a> {
     }
 
     fn missing(&mut self, at: Option<Position>, key: &str, name: &str, property: &'a Value) {
-        let schema = self.resolve(property);
+        let schema = resolve(property, self.root);
         let kind = schema.get("type").and_then(type_name).unwrap_or("any");
         let meaning = [property, schema]
             .iter()
@@ -266,27 +267,6 @@ impl<'a> Walk<'a> {
             .into_iter()
             .collect::<Option<Vec<_>>>()
             .map(Value::Array)
-    }
-
-    /// Follows references, and takes the alternative beside `null` of an optional value.
-    fn resolve(&self, mut schema: &'a Value) -> &'a Value {
-        loop {
-            let alternatives = schema.get("anyOf").and_then(Value::as_array);
-            let real = alternatives.and_then(|all| {
-                all.iter()
-                    .find(|a| a.get("type").and_then(Value::as_str) != Some("null"))
-            });
-            let name = schema
-                .get("$ref")
-                .and_then(Value::as_str)
-                .and_then(|r| r.strip_prefix("#/$defs/"));
-            let definition =
-                name.and_then(|name| self.root.get("$defs").and_then(|all| all.get(name)));
-            match real.or(definition) {
-                Some(next) => schema = next,
-                None => return schema,
-            }
-        }
     }
 }
 

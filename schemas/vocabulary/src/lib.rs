@@ -12,6 +12,7 @@ pub mod failure_cause;
 pub mod fibres;
 pub mod findings;
 pub mod fits;
+pub mod json_schema;
 pub mod label;
 pub mod motion;
 pub mod passive_law;

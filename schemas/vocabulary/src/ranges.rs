@@ -7,6 +7,8 @@ use schemars::{JsonSchema, schema_for};
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::json_schema::resolve;
+
 /// Range of a number, as stated by the schema of its field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Range {
@@ -14,9 +16,21 @@ pub struct Range {
     above: Option<f64>,
     low: Option<f64>,
     high: Option<f64>,
+    below: Option<f64>,
 }
 
 impl Range {
+    /// The range of a field of `T`, by its key.
+    ///
+    /// # Panics
+    /// If `T` has no field of this key.
+    #[must_use]
+    pub fn of_field<T: JsonSchema>(key: &str) -> Self {
+        let schema = schema_for!(T).to_value();
+        let field = schema["properties"].get(key).expect("a field of the type");
+        Self::of(resolve(field, &schema))
+    }
+
     /// The range that a field's schema states. The type of an integer limits it, too.
     #[must_use]
     pub fn of(schema: &Value) -> Self {
@@ -36,6 +50,7 @@ impl Range {
             above: bound("exclusiveMinimum"),
             low: bound("minimum"),
             high: bound("maximum").or(largest),
+            below: bound("exclusiveMaximum"),
         }
     }
 
@@ -46,6 +61,7 @@ impl Range {
             && self.above.is_none_or(|bound| value > bound)
             && self.low.is_none_or(|bound| value >= bound)
             && self.high.is_none_or(|bound| value <= bound)
+            && self.below.is_none_or(|bound| value < bound)
     }
 
     /// The range in words.
@@ -56,19 +72,24 @@ impl Range {
         } else {
             "a number"
         };
-        match (self.above, self.low, self.high) {
-            (Some(above), _, Some(high)) => format!("{number} above {above}, up to {high}"),
-            (Some(above), _, None) => format!("{number} above {above}"),
-            (None, Some(low), Some(high)) => format!("{number} from {low} to {high}"),
-            (None, Some(low), None) => format!("{number} of {low} or more"),
-            (None, None, Some(high)) => format!("{number} up to {high}"),
-            (None, None, None) if self.is_integer => number.to_owned(),
-            (None, None, None) => "a finite number".to_owned(),
+        let upper = |word: &str| match (self.below, self.high) {
+            (Some(below), _) => format!(", below {below}"),
+            (None, Some(high)) => format!("{word} {high}"),
+            (None, None) => String::new(),
+        };
+        match (self.above, self.low) {
+            (Some(above), _) => format!("{number} above {above}{}", upper(", up to")),
+            (None, Some(low)) if self.is_stated() => format!("{number} from {low}{}", upper(" to")),
+            (None, Some(low)) => format!("{number} of {low} or more"),
+            (None, None) if self.is_stated() => format!("{number}{}", upper(" up to")),
+            (None, None) if self.is_integer => number.to_owned(),
+            (None, None) => "a finite number".to_owned(),
         }
     }
 
+    /// Whether the range has an upper end.
     fn is_stated(&self) -> bool {
-        self.high.is_some()
+        self.high.is_some() || self.below.is_some()
     }
 }
 
@@ -119,7 +140,7 @@ impl Ranges {
     }
 
     fn visit(&self, key: &str, value: &Value, schema: &Value, list: &mut Vec<Outside>) {
-        let schema = self.resolved(schema);
+        let schema = resolve(schema, &self.schema);
         match value {
             Value::Object(fields) => {
                 for (name, field) in fields {
@@ -142,7 +163,7 @@ impl Ranges {
     }
 
     fn visit_schema(&self, key: &str, schema: &Value, free: &[&str], list: &mut Vec<String>) {
-        let schema = self.resolved(schema);
+        let schema = resolve(schema, &self.schema);
         if free.contains(&key) {
             return;
         }
@@ -158,24 +179,11 @@ impl Ranges {
             .map(ToString::to_string)
             .unwrap_or_default();
         let is_number = kinds.contains("number") || kinds.contains("integer");
-        if is_number && schema.get("maximum").is_none() {
+        let has_upper_end = ["maximum", "exclusiveMaximum"]
+            .iter()
+            .any(|name| schema.get(name).is_some());
+        if is_number && !has_upper_end {
             list.push(key.to_owned());
-        }
-    }
-
-    /// The definition to which a schema refers, also if the value is optional.
-    fn resolved<'a>(&'a self, schema: &'a Value) -> &'a Value {
-        let of_option = schema
-            .get("anyOf")
-            .and_then(Value::as_array)
-            .and_then(|any| any.iter().find(|one| one.get("$ref").is_some()));
-        let named = of_option.unwrap_or(schema).get("$ref");
-        let name = named
-            .and_then(Value::as_str)
-            .and_then(|reference| reference.strip_prefix("#/$defs/"));
-        match name.and_then(|name| self.schema.get("$defs")?.get(name)) {
-            Some(definition) => definition,
-            None => schema,
         }
     }
 }
@@ -237,5 +245,8 @@ mod tests {
         );
         let range = Range::of(&json!({"type": "number", "exclusiveMinimum": 0, "maximum": 1}));
         assert!(range.contains(1.0) && !range.contains(0.0) && !range.contains(f64::NAN));
+        let share = json!({"type": "number", "minimum": 0, "exclusiveMaximum": 1});
+        assert_eq!(words(share.clone()), "a number from 0, below 1");
+        assert!(Range::of(&share).contains(0.0) && !Range::of(&share).contains(1.0));
     }
 }

@@ -57,7 +57,7 @@ pub struct Step1Settings {
     #[schemars(range(min = 1, max = 10_000))]
     pub stall_iterations: u32,
     /// Smallest relative fall of the best cost that counts as an improvement.
-    #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
+    #[schemars(extend("minimum" = 0.0, "exclusiveMaximum" = 1.0))]
     pub stall_improvement: f64,
     /// Parameters that stay at their initial value: keys of `bounds`.
     pub frozen: Vec<String>,

@@ -168,7 +168,7 @@ pub enum FixedPointError {
     #[error("setting {key} is {value}, but must be {expected}")]
     Setting {
         /// Key of the setting.
-        key: String,
+        key: &'static str,
         /// Value that was given.
         value: f64,
         /// Range of admissible values, in words.

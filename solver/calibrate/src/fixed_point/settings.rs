@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 
 use super::{FixedPointError, Weights};
-use cardiotwin_vocabulary::ranges::Ranges;
+use cardiotwin_vocabulary::ranges::Range;
 use cardiotwin_vocabulary::step1::Step1Parameter;
 use cardiotwin_vocabulary::step1_settings::{Step1Settings, StopRule, Update};
 
@@ -39,19 +39,37 @@ pub(super) fn weights(settings: &Step1Settings) -> Result<Weights, FixedPointErr
     }
 }
 
-static RANGES: LazyLock<Ranges> = LazyLock::new(Ranges::of::<Step1Settings>);
+/// A number of the settings: its key, its value, and the range that the type states.
+type Number = (&'static str, fn(&Step1Settings) -> f64, Range);
 
-/// Checks the settings against the ranges that their type states, and the bounds.
+/// Numbers of the settings. The ranges are read once, because a replay decides many times.
+static NUMBERS: LazyLock<[Number; 5]> = LazyLock::new(|| {
+    fn number(key: &'static str, value: fn(&Step1Settings) -> f64) -> Number {
+        (key, value, Range::of_field::<Step1Settings>(key))
+    }
+    [
+        number("tolerance", |s| s.tolerance),
+        number("damping", |s| s.damping),
+        number("max_iterations", |s| f64::from(s.max_iterations)),
+        number("stall_iterations", |s| f64::from(s.stall_iterations)),
+        number("stall_improvement", |s| s.stall_improvement),
+    ]
+});
+
+/// Checks the numbers against the ranges that their type states, and names, bounds and weights.
 ///
 /// # Errors
 /// [`FixedPointError`] with the setting, its value and the expected range.
 pub fn validate(settings: &Step1Settings) -> Result<(), FixedPointError> {
-    if let Some(outside) = RANGES.outside(settings).into_iter().next() {
-        return Err(FixedPointError::Setting {
-            key: outside.key,
-            value: outside.value,
-            expected: outside.expected,
-        });
+    for (key, value, range) in NUMBERS.iter() {
+        let value = value(settings);
+        if !range.contains(value) {
+            return Err(FixedPointError::Setting {
+                key,
+                value,
+                expected: range.expected(),
+            });
+        }
     }
     let named = settings.bounds.keys().chain(&settings.frozen);
     for name in named {

@@ -127,9 +127,15 @@ fn prepare(
         contents.insert(file.name.as_str(), (&file.path, read_verified(file)?));
     }
     let mut values = parameters::by_name(handed);
-    let plugin = opencarp::plugin(&spec.contraction)?;
-    values.insert("openCARP.plugin".to_owned(), plugin.name.to_owned());
-    values.insert("openCARP.plug_param".to_owned(), plugin.parameters);
+    match opencarp::plugin(&spec.contraction) {
+        Ok(plugin) => {
+            values.insert("openCARP.plugin".to_owned(), plugin.name.to_owned());
+            values.insert("openCARP.plug_param".to_owned(), plugin.parameters);
+        }
+        // Another solver may have the model.
+        Err(TaskError::NoPlugin { .. }) => {}
+        Err(error) => return Err(error),
+    }
     for (made, template) in &settings.templates {
         // Models have different parameters, so that a template may have a variant for a model.
         let twin = format!("{template}@{}", handed.contraction.model);
