@@ -41,7 +41,7 @@ pub struct JobOrder {
     #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
     pub instruction_set: InstructionSet,
     /// Simulated time between frames of VTU series; 0 for none.
-    #[serde(default, skip_serializing_if = "crate::task::is_zero")]
+    #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
     pub vtu_every_ms: f64,
     /// Expected duration of a task by its kind, s. The driver starts no task that would exceed its
     /// remaining time.

@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::input_file::InputFile;
 use crate::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
-use crate::task::InputFile;
 
 pub use cardiotwin_vocabulary::findings::{
     ComparedSignal, Confusable, Dependence, DiscoverSeries, Findings, GapAt, InThreeDimensions,

@@ -6,8 +6,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::failure::FailureClass;
-use crate::organ::{ActivationSpec, CirculationSpec, OneFibrePassive, ValveParameters};
-use crate::task::InputFile;
+use crate::input_file::InputFile;
+use crate::loads::CirculationSpec;
+use crate::one_fibre::{ActivationSpec, OneFibrePassive};
+use crate::step1::ValveParameters;
 
 /// Placeholders of a command besides the names of files: the parameters, the directory for results,
 /// and the number of threads.

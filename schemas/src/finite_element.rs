@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::input_file::InputFile;
+use crate::loads::EffectSpec;
 use crate::muscle::{ActiveConvention, HolzapfelOgden, MuscleLaw, PassiveTissues};
-use crate::organ::EffectSpec;
-use crate::task::InputFile;
 
 pub use cardiotwin_vocabulary::fibres::FibreAngles;
 
@@ -282,7 +282,7 @@ pub struct FiniteElementSettings {
     pub linear_solver: LinearSolver,
     /// Longest time step of late filling, that is after ejection, with the mitral valve open, while
     /// the pressure changes by less than 0.1 mmHg per millisecond. 0 for no separate limit.
-    #[serde(skip_serializing_if = "crate::task::is_zero")]
+    #[serde(skip_serializing_if = "crate::absent::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
     pub diastolic_step_ms: f64,
     /// Material, supports and damping of the wall.
@@ -451,7 +451,7 @@ pub struct EquationSettings {
     /// Solver of the linear systems.
     pub linear_solver: LinearSolver,
     /// Longest time step of late filling \[ms\]; 0 for no separate limit.
-    #[serde(default, skip_serializing_if = "crate::task::is_zero")]
+    #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
     pub diastolic_step_ms: f64,
     /// Conduction velocities of the wave for transmembrane potentials, which are computed after the
     /// beat; absent if no potentials are computed.

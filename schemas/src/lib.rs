@@ -5,9 +5,11 @@
 //! `schemas/json`. Keys carry their units (`pressure_mmHg`); the Rust names are the same words in
 //! lower case.
 
+mod absent;
 pub mod afterload;
 pub mod allocation;
 pub mod cohort;
+mod determination;
 pub mod discover;
 pub mod earlier;
 pub mod external;
@@ -18,15 +20,20 @@ pub mod formats;
 pub mod hash;
 pub mod heart;
 pub mod ids;
+mod input_file;
+mod loads;
 pub mod motion;
 pub mod muscle;
 pub mod notices;
+mod one_fibre;
 pub mod organ;
+mod organ_beat;
 pub mod outcome;
 pub mod overlay;
 pub mod patient;
 pub mod plan;
 pub mod posterior;
+mod posterior_settings;
 pub mod preparation;
 pub mod progress;
 pub mod provenance;
@@ -37,6 +44,7 @@ pub mod samples;
 pub mod sensitivity;
 pub mod settings;
 pub mod status;
+mod step0;
 pub mod step3;
 pub mod sweep;
 pub mod task;

@@ -7,8 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::external::ExternalOrgan;
 use crate::finite_element::FiniteElementOrgan;
-use crate::task::InputFile;
+use crate::input_file::InputFile;
 
+pub use crate::loads::{CirculationSpec, EffectSpec};
+pub use crate::one_fibre::{ActivationSpec, OneFibrePassive};
 pub use cardiotwin_vocabulary::cell::{
     CELL_DEFAULTS, CELL_PARAMETERS, RICE_PARAMETERS, cell_default,
 };
@@ -33,7 +35,7 @@ pub enum ContractionSpec {
         /// Parameters that differ from the defaults, by the paper's names.
         parameters: BTreeMap<String, f64>,
         /// Stretch at which the cell's periodic beat begins.
-        #[serde(default = "one")]
+        #[serde(default = "crate::absent::one")]
         lambda_0: f64,
     },
     /// Land 2017 driven by a given calcium transient, for the verification beat.
@@ -41,7 +43,7 @@ pub enum ContractionSpec {
         /// Parameters that differ from the defaults, by the paper's names.
         parameters: BTreeMap<String, f64>,
         /// Stretch at which the cell's periodic beat begins.
-        #[serde(default = "one")]
+        #[serde(default = "crate::absent::one")]
         lambda_0: f64,
         /// File with calcium from activation on, columns `time_ms` and `Ca_uM`.
         calcium: InputFile,
@@ -69,10 +71,6 @@ impl ContractionSpec {
             }
         }
     }
-}
-
-pub(crate) const fn one() -> f64 {
-    1.0
 }
 
 /// Length at which the stretch of a cell is 1.
@@ -110,69 +108,6 @@ impl Default for CellStretch {
 pub fn is_parameter(name: &str) -> bool {
     // The passive stress belongs to a 0D cell; the organ has its own.
     name != "a_p_kPa" && (CELL_PARAMETERS.contains(&name) || VALVE_PARAMETERS.contains(&name))
-}
-
-/// An effect beyond the base model with its parameters. The keys of the parameters carry their
-/// units.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct EffectSpec {
-    /// Name in the catalogue, for example `atrial_kick`.
-    pub name: String,
-    /// Parameters of the effect.
-    pub parameters: BTreeMap<String, f64>,
-}
-
-/// Loads to which the cavity is coupled.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct CirculationSpec {
-    /// Arterial load.
-    pub afterload: WindkesselParameters,
-    /// Windkessel pressure Pc at the start of the beat.
-    #[serde(rename = "initial_windkessel_pressure_mmHg")]
-    pub initial_windkessel_pressure_mmhg: f64,
-    /// Constant filling pressure.
-    #[serde(rename = "left_atrial_pressure_mmHg")]
-    pub left_atrial_pressure_mmhg: f64,
-    /// Accepted effects, in the order in which they were accepted.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub effects: Vec<EffectSpec>,
-}
-
-/// Passive one-fibre ventricle after step 0 (Arts 1991; SPEC section 4).
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct OneFibrePassive {
-    /// Volume of the left ventricular wall.
-    #[serde(rename = "wall_volume_mL")]
-    pub wall_volume_ml: f64,
-    /// Cavity volume at zero pressure.
-    #[serde(rename = "unloaded_volume_mL")]
-    pub unloaded_volume_ml: f64,
-    /// Cavity volume at end-diastole, where the beat starts and the stretch of the active law is 1.
-    #[serde(rename = "end_diastolic_volume_mL")]
-    pub end_diastolic_volume_ml: f64,
-    /// Cavity pressure at end-diastole.
-    #[serde(rename = "end_diastolic_pressure_mmHg")]
-    pub end_diastolic_pressure_mmhg: f64,
-    /// Scale s in σ_p = s (e^{bE} − 1).
-    #[serde(rename = "stiffness_kPa")]
-    pub stiffness_kpa: f64,
-    /// Exponent b in σ_p = s (e^{bE} − 1).
-    pub exponent: f64,
-}
-
-/// Activation of the wall: `groups` equal parts, distributed over `spread_ms`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct ActivationSpec {
-    /// Time from the first to the last activation.
-    pub spread_ms: f64,
-    /// Number of parts with their own activation time.
-    pub groups: u32,
-    /// First activation from the start of the beat; negative if it comes before.
-    pub onset_ms: f64,
 }
 
 /// Organ of a simulation.

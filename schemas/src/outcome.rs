@@ -5,15 +5,18 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::{Biomarkers, CellBiomarkers, NoiseWindows, TimePoints};
+use crate::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
 use crate::discover::Discovered;
 use crate::failure::Failure;
 use crate::ids::AttemptId;
 use crate::motion::MotionMeasures;
-use crate::organ::{CirculationSpec, OrganSpec, Step1Parameters};
+use crate::organ::Step1Parameters;
 use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
 use crate::samples::BeatSamples;
+
+pub use crate::determination::Determination;
+pub use crate::step0::{Estimate, PassiveStateResult};
 
 /// `outcome.json` of an attempt, which is written once and atomically.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -118,54 +121,6 @@ pub enum TaskResult {
     Discover(Box<Discovered>),
     /// No result.
     Noop,
-}
-
-/// A quantity that the patient's file lacks and that was estimated.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Estimate {
-    /// Key of the patient file for which the estimate stands.
-    pub key: String,
-    /// Value in the unit of the key.
-    pub value: f64,
-    /// Method of the estimate.
-    pub method: String,
-}
-
-/// Result of step 0: the input that all simulations of this patient share.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct PassiveStateResult {
-    /// Organ with the fitted passive state.
-    pub organ: OrganSpec,
-    /// Arterial load, filling pressure and effects.
-    pub circulation: CirculationSpec,
-    /// Measured biomarkers, from the traces or as given, multiplied by `biomarker_factors`.
-    pub measured: Biomarkers,
-    /// Factors contained in `measured` if it is a sample of uncertain data instead of the
-    /// measurement.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub biomarker_factors: BTreeMap<String, f64>,
-    /// Windows over which biomarkers of noisy traces are read, both measured and simulated ones;
-    /// absent if the measured traces are smooth.
-    #[serde(default, skip_serializing_if = "NoiseWindows::are_none")]
-    pub noise_windows: NoiseWindows,
-    /// Time points of the measured biomarkers.
-    pub time_points: TimePoints,
-    /// Samples of the measured traces.
-    #[serde(default)]
-    pub samples: BeatSamples,
-    /// Quantities that were estimated for lack of data.
-    pub estimates: Vec<Estimate>,
-    /// Volume at the diastasis pressure minus the measured diastasis volume, if both are known.
-    #[serde(rename = "diastasis_volume_error_mL")]
-    pub diastasis_volume_error_ml: Option<f64>,
-    /// Remarks, such as biomarkers with levels that were not reached before the end of the beat.
-    pub remarks: Vec<String>,
-    /// Effort of step 0 for a finite-element ventricle, by name: iterations, passes, seconds of
-    /// each phase.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub counters: BTreeMap<String, f64>,
 }
 
 /// A scientific check with the found and the allowed value.
@@ -303,7 +258,7 @@ pub struct TargetsResult {
     /// First value of the median stretch trace.
     pub lambda_0: f64,
     /// Largest stretch of any node at any time. Earlier programs did not look for it; at 1 it asks nothing of Ca50.
-    #[serde(default = "crate::organ::one")]
+    #[serde(default = "crate::absent::one")]
     pub lambda_max: f64,
     /// Biomarkers of the median traces.
     pub targets: CellBiomarkers,
@@ -313,35 +268,6 @@ pub struct TargetsResult {
     /// contraction model.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub has_calcium: bool,
-}
-
-/// Degree to which the data determine a fitted parameter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Determination {
-    /// Near-optimal values fill at most a fifth of the interval between the bounds and lie away
-    /// from the bounds.
-    Determined,
-    /// Near-optimal values fill more than a fifth of the interval.
-    Sloppy,
-    /// Near-optimal values fill at most a fifth of the interval, but the best value is a bound. The
-    /// data favour values beyond it.
-    AtBound,
-    /// Near-optimal values extend from bound to bound. The data do not determine the parameter.
-    NotDetermined,
-}
-
-impl Determination {
-    /// Word for this result in reports.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Determined => "determined",
-            Self::Sloppy => "sloppy",
-            Self::AtBound => "at bound",
-            Self::NotDetermined => "not determined",
-        }
-    }
 }
 
 /// Values of a parameter at which a near-optimal cost is reached with all other parameters refitted
@@ -394,7 +320,7 @@ pub struct FittedParameter {
 #[schemars(deny_unknown_fields)]
 pub struct CellFitResult {
     /// Stretch at which the cell's beat begins: the median trace's first. Earlier programs began the beat in the organ at 1.
-    #[serde(default = "crate::organ::one")]
+    #[serde(default = "crate::absent::one")]
     pub lambda_0: f64,
     /// Fitted parameters in the order of the settings.
     pub parameters: Vec<FittedParameter>,

@@ -14,7 +14,7 @@ use crate::external::ExternalSettings;
 use crate::finite_element::FiniteElementSettings;
 use crate::notices::NoticeSettings;
 use crate::organ::{RICE_PARAMETERS, StretchOrigin};
-use crate::posterior::PosteriorSettings;
+use crate::posterior_settings::PosteriorSettings;
 use crate::step3::Step3Settings;
 use crate::verdict::TwinTolerances;
 
@@ -417,7 +417,7 @@ pub struct ExecutorSettings {
     pub site_retries: u32,
     /// Simulated time between frames of the series of VTU files that each beat of the
     /// finite-element ventricle writes; 0 for no series.
-    #[serde(skip_serializing_if = "crate::task::is_zero")]
+    #[serde(skip_serializing_if = "crate::absent::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub vtu_every_ms: f64,
     /// Time without progress after which a running worker is considered hung and killed; 0 for no

@@ -9,9 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::biomarkers::{Biomarker, Biomarkers};
 use crate::cell::cell_intervals;
 use crate::organ::{VALVE_PARAMETERS, ValveParameters, cell_default};
-use crate::outcome::PassiveStateResult;
 use crate::samples::{MeasuredTraces, TraceDeviations};
-use crate::task::MovedParameter;
+use crate::step0::PassiveStateResult;
 
 /// Step 3: adjusts parameters of the cell model and of the valves until the organ with that cell
 /// agrees with the measured biomarkers.
@@ -33,6 +32,21 @@ pub struct Step3Settings {
     pub uncertainty_percent: BTreeMap<String, f64>,
     /// Standard deviations of the difference between simulated and measured traces.
     pub trace_deviations: TraceDeviations,
+}
+
+/// A parameter of step 3. The logarithm of its magnitude varies within bounds and has a normal
+/// prior.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct MovedParameter {
+    /// Smallest value, in the unit of the name.
+    pub lower: f64,
+    /// Largest value.
+    pub upper: f64,
+    /// Value at the centre of the prior.
+    pub centre: f64,
+    /// Standard deviation of the logarithm in the prior.
+    pub log_sd: f64,
 }
 
 /// Standard deviation of the prior over the interval of the logarithms. Within the bounds the prior

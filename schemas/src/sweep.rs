@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::Biomarker;
 use crate::ids::PatientId;
+use crate::organ_beat::OrganBeatSpec;
 use crate::robustness::RobustnessSpec;
-use crate::task::OrganBeatSpec;
 
 /// `sweep.json` in the folder of a sweep, beside the database of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -1,37 +1,24 @@
 //! Specification of a task, and its key.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::{Biomarkers, CellBiomarkers, NoiseWindows};
+use crate::biomarkers::{Biomarkers, CellBiomarkers};
 use crate::discover::DiscoverSpec;
-use crate::finite_element::{AnatomySpec, EquationSettings, OwnMesh};
+use crate::finite_element::{AnatomySpec, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
-use crate::organ::{
-    BeatCount, CellStretch, CirculationSpec, ContractionSpec, EffectSpec, OneFibrePassive,
-    OrganSpec, Step1Parameters, VALVE_PARAMETERS, ValveParameters, WindkesselParameters,
-};
+use crate::organ::{EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters};
 use crate::posterior::PosteriorSpec;
 use crate::samples::{BeatSamples, MeasuredTraces};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
 use crate::sweep::CellDesign;
 
-/// A file that a task reads. The path is its present location; only name and content enter the
-/// task's key.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct InputFile {
-    /// Role, for example `pressure`.
-    pub name: String,
-    /// Absolute path.
-    pub path: PathBuf,
-    /// SHA-256 of the content.
-    pub sha256: String,
-}
+pub use crate::input_file::InputFile;
+pub use crate::organ_beat::OrganBeatSpec;
+pub use crate::step3::MovedParameter;
 
 /// Work of one task with all of its inputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -215,65 +202,6 @@ pub struct PassiveStateSpec {
     pub guccione_c_kpa: Option<f64>,
 }
 
-/// Input of one simulation of the organ.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct OrganBeatSpec {
-    /// Cycle length.
-    pub cycle_length_ms: f64,
-    /// Largest time step.
-    pub time_step_ms: f64,
-    /// Shortest time step. If such a step fails, the simulation has diverged.
-    pub shortest_step_ms: f64,
-    /// Number of Newton iterations after which a step fails.
-    pub newton_iterations: u32,
-    /// Organ with its passive state.
-    pub organ: OrganSpec,
-    /// Arterial load, filling pressure and effects.
-    pub circulation: CirculationSpec,
-    /// Resistances of the valves.
-    pub valves: ValveParameters,
-    /// Model of the active stress.
-    pub contraction: ContractionSpec,
-    /// Definition of the stretch in the cells.
-    #[serde(default)]
-    pub cell_stretch: CellStretch,
-    /// Number of beats.
-    pub beats: BeatCount,
-    /// Measured end-diastolic volume, for the biomarker `end_of_beat_gap`.
-    #[serde(rename = "measured_end_diastolic_volume_mL")]
-    pub measured_end_diastolic_volume_ml: Option<f64>,
-    /// Windows over which biomarkers of the traces are read, as for the measured traces.
-    #[serde(default, skip_serializing_if = "NoiseWindows::are_none")]
-    pub noise_windows: NoiseWindows,
-    /// Settings by which the equations of the finite-element ventricle are solved.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub finite_element: Option<EquationSettings>,
-}
-
-impl OrganBeatSpec {
-    /// The same beat with other parameters of the cell and of the valves, by name; absent
-    /// parameters do not change.
-    #[must_use]
-    pub fn with_parameters(&self, parameters: &BTreeMap<String, f64>) -> Self {
-        let mut beat = self.clone();
-        beat.valves = beat.valves.with(parameters);
-        if let ContractionSpec::Land2017Rice {
-            parameters: cell, ..
-        }
-        | ContractionSpec::Land2017Trace {
-            parameters: cell, ..
-        } = &mut beat.contraction
-        {
-            let of_cell = parameters
-                .iter()
-                .filter(|(name, _)| !VALVE_PARAMETERS.contains(&name.as_str()));
-            cell.extend(of_cell.map(|(name, value)| (name.clone(), *value)));
-        }
-        beat
-    }
-}
-
 /// Input of a proposal in step 1: search for the optimum of the one-fibre ventricle, corrected to
 /// the simulations so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -372,21 +300,6 @@ pub struct CellInOrgan {
     pub step1: Option<Step1Beat>,
 }
 
-/// A parameter of step 3. The logarithm of its magnitude varies within bounds and has a normal
-/// prior.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct MovedParameter {
-    /// Smallest value, in the unit of the name.
-    pub lower: f64,
-    /// Largest value.
-    pub upper: f64,
-    /// Value at the centre of the prior.
-    pub centre: f64,
-    /// Standard deviation of the logarithm in the prior.
-    pub log_sd: f64,
-}
-
 /// Input for the median nodal traces and the targets of step 2.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -405,7 +318,7 @@ pub struct CellFitSpec {
     pub lambda_0: f64,
     /// Largest stretch of any node: Ca50 stays above the resting calcium up to there. Earlier programs did not ask for that; at 1
     /// every Ca50 within its bounds fulfils it.
-    #[serde(default = "crate::organ::one")]
+    #[serde(default = "crate::absent::one")]
     pub lambda_max: f64,
     /// Biomarkers to reach.
     pub targets: CellBiomarkers,
@@ -459,15 +372,10 @@ pub struct AttemptSpec {
     pub instruction_set: InstructionSet,
     /// Simulated time between frames of the series of VTU files of a finite-element beat; 0 for no
     /// series.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
     pub vtu_every_ms: f64,
     /// Work to be done.
     pub task: TaskSpec,
-}
-
-/// Whether a number is omitted from files.
-pub(crate) fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 #[cfg(test)]

@@ -364,24 +364,6 @@ pub const NOT_FOR_SOLVERS: &[&str] = &[
 /// Macros that no crate under `solver/` may call outside its tests.
 pub const SOLVER_MACROS: &[&str] = &["print", "println", "eprint", "eprintln", "dbg"];
 
-/// Circles of files that are left, by crate: files that use each other, so that none can be read alone. The numbers may
-/// only fall; a crate without a row has none.
-pub const CIRCLES: &[(&str, usize)] = &[
-    ("coordinator", 10),
-    ("workflow", 1),
-    ("schemas", 1),
-    ("vocabulary", 1),
-    ("calibrate", 3),
-    ("cell-engine", 2),
-    ("discover", 1),
-    ("linalg", 1),
-    ("mechanics", 5),
-    ("mesh", 4),
-    ("models", 3),
-    ("signals", 1),
-    ("worker", 4),
-];
-
 /// Largest number of lines of a source file. A file of more than about 400 should be split; above
 /// this number the test fails.
 pub const LONGEST_FILE: usize = 840;

@@ -6,6 +6,7 @@
 
 pub mod attempt;
 pub mod calcium;
+mod call;
 pub mod cell_parameters;
 pub mod checkpoint;
 pub mod clock;
@@ -14,6 +15,7 @@ pub mod engine;
 pub mod error;
 pub mod files;
 pub mod finite_element;
+mod follow;
 pub mod igb;
 pub mod inputs;
 pub mod memory;

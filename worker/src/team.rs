@@ -5,25 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use cardiotwin_linalg::parallel::Communicator;
-use cardiotwin_schemas::task::OrganBeatSpec;
-use serde::{Deserialize, Serialize};
 
-use crate::error::TaskError;
-use crate::finite_element::passive::{self, PassiveOrder};
-use crate::finite_element::stored::About;
-use crate::finite_element::tissue;
-use crate::tasks::organ_beat;
-
-/// Work for which rank 0 calls the other ranks. Rank 0 also sends them the mesh.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) enum Call {
-    /// A beat of a stored ventricle.
-    Beat(Box<OrganBeatSpec>, Box<About>),
-    /// Fibres and activation times.
-    Tissue,
-    /// Unloading and fit of a passive law.
-    PassiveState(Box<PassiveOrder>),
-}
+use crate::call::Call;
 
 /// A group of ranks.
 #[derive(Debug, Clone)]
@@ -103,25 +86,16 @@ impl Team {
         self.comm.order(&mut [0.0]);
     }
 
-    /// Takes part in rank 0's calls until rank 0 dismisses the team. All other ranks call this.
-    ///
-    /// # Errors
-    /// [`TaskError`] of this rank. The launcher then has to end all ranks.
-    pub fn follow(&self) -> Result<(), TaskError> {
-        loop {
-            let mut length = [0.0];
-            self.comm.order(&mut length);
-            if length[0] == 0.0 {
-                return Ok(());
-            }
-            let mut words = vec![0.0; length[0] as usize];
-            self.comm.broadcast(&mut words);
-            let words: Vec<u8> = words.into_iter().map(|word| word as u8).collect();
-            match serde_json::from_slice(&words).expect("rank 0 sends a call") {
-                Call::Beat(spec, about) => organ_beat::serve(&spec, &about, self)?,
-                Call::Tissue => tissue::serve(self),
-                Call::PassiveState(order) => passive::serve(&order, self),
-            }
+    /// Next call of rank 0; `None` if rank 0 dismisses the team. All other ranks call this.
+    pub(crate) fn next_call(&self) -> Option<Call> {
+        let mut length = [0.0];
+        self.comm.order(&mut length);
+        if length[0] == 0.0 {
+            return None;
         }
+        let mut words = vec![0.0; length[0] as usize];
+        self.comm.broadcast(&mut words);
+        let words: Vec<u8> = words.into_iter().map(|word| word as u8).collect();
+        Some(serde_json::from_slice(&words).expect("rank 0 sends a call"))
     }
 }

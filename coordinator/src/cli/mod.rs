@@ -172,8 +172,8 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Discover(args) => discover::execute(args, talk).await,
         Command::Fit(args) => fit::execute(args, talk),
         Command::Sweep(args) => sweep::execute(args, talk).await,
-        Command::Completions(args) => completions::execute(args, talk),
-        Command::Man(args) => man::execute(args, talk),
+        Command::Completions(args) => completions::execute(args, Cli::command(), talk),
+        Command::Man(args) => man::execute(args, Cli::command(), talk),
         Command::Schemas(args) => schemas::execute(args, talk),
     }
 }

@@ -9,10 +9,10 @@ use cardiotwin_schemas::settings::{Fidelity, Settings};
 use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::Problem;
 
+use super::complaint::Complaint;
+use super::hashed::hash;
 use super::nearest::nearest;
-use super::ranges::Complaint;
 use super::report::Report;
-use super::resolve::hash;
 
 /// Quantities that `results.igb` may name.
 const QUANTITIES: [&str; 3] = ["Sa_kPa", "lambda", "Ca_uM"];

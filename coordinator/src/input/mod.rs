@@ -8,9 +8,11 @@
 #[cfg(test)]
 mod both_ventricles_tests;
 mod cohort;
+mod complaint;
 mod data;
 mod document;
 mod external;
+mod hashed;
 mod layers;
 mod mesh;
 mod nearest;

@@ -13,24 +13,9 @@ use cardiotwin_schemas::settings::{CellFitSettings, Settings, SolverSettings, St
 use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::step3::Step3Settings;
 
+use super::complaint::Complaint;
 use super::external;
 use super::nearest::nearest;
-
-/// A problem of a setting's value.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Complaint {
-    /// Dotted key of the setting.
-    pub key: String,
-    /// A key with which the setting conflicts. If `key` is a built-in default, this is the key that
-    /// was set.
-    pub against: Option<String>,
-    /// Value that was found.
-    pub found: String,
-    /// Description of valid values.
-    pub expected: String,
-    /// Advice to the user.
-    pub remedy: String,
-}
 
 static RANGES: LazyLock<Ranges> = LazyLock::new(Ranges::of::<Settings>);
 

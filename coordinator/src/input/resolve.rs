@@ -5,16 +5,15 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::PatientDefaults;
 use cardiotwin_schemas::finite_element::{OwnMesh, OwnRightVentricle, RightPressureSpec};
-use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::patient::{PatientFile, PatientMesh, PatientRightVentricle};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::Settings;
-use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
-use cardiotwin_signals::Problem;
+use cardiotwin_schemas::task::PassiveStateSpec;
 
 use super::external;
+use super::hashed::hash;
 use super::report::Report;
 
 /// Makes the plan of a patient. Files are looked up in the patient's folder before the cohort's. A
@@ -194,34 +193,4 @@ pub fn left_atrial_pressure(file: &PatientFile, defaults: &PatientDefaults) -> O
         .as_ref()
         .map(|preload| preload.left_atrial_pressure_mmhg)
         .or(defaults.left_atrial_pressure_mmhg)
-}
-
-/// A file with its hash. A file that cannot be read becomes a problem in `report`.
-pub(super) fn hash(
-    name: &str,
-    path: &Path,
-    patient: &str,
-    report: &mut Report,
-) -> Option<InputFile> {
-    let read = || -> std::io::Result<(PathBuf, Vec<u8>)> {
-        Ok((path.canonicalize()?, std::fs::read(path)?))
-    };
-    match read() {
-        Ok((absolute, bytes)) => Some(InputFile {
-            name: name.to_owned(),
-            path: absolute,
-            sha256: sha256_hex(&bytes),
-        }),
-        Err(error) => {
-            let found = format!("no readable file ({error})");
-            let problem = Problem::error(
-                path,
-                found,
-                "a file",
-                "check its name in patient.toml and its permissions",
-            );
-            report.add(Some(patient), problem);
-            None
-        }
-    }
 }

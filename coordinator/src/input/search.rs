@@ -5,8 +5,8 @@ use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::Problem;
 
 use super::cohort::Patient;
+use super::hashed::hash;
 use super::report::Report;
-use super::resolve::hash;
 
 /// Specification of a search in this patient. If a trace is missing, the result is `None` and
 /// `report` gets a problem.

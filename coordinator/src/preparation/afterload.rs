@@ -10,7 +10,7 @@ use cardiotwin_schemas::organ::WindkesselParameters;
 use cardiotwin_signals::{Continuation, Quantity, Trace, resample};
 use cardiotwin_units::Ms;
 
-use super::patient::Facts;
+use super::facts::Facts;
 use crate::input::RawFolder;
 
 /// Misfit over the pulse pressure above which a warning says that three elements are not enough.

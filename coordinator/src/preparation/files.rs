@@ -5,8 +5,10 @@ use std::fmt::Write as _;
 use cardiotwin_recordings::average::MeanTrace;
 use cardiotwin_recordings::prepare::Prepared;
 
-use super::PREPARED;
 use crate::input::RawFolder;
+
+/// Folder beside `patient.toml` that holds the results of the steps.
+pub const PREPARED: &str = "prepared";
 
 /// Name and content of each table.
 pub fn tables(folder: &RawFolder, prepared: &Prepared) -> Vec<(String, String)> {

@@ -1,6 +1,7 @@
 //! Preparation of a patient's files from a folder of recordings, with a description of each step.
 
 mod afterload;
+mod facts;
 mod files;
 mod patient;
 mod settings;
@@ -10,11 +11,9 @@ use cardiotwin_recordings::prepare::{PrepareError, Prepared, Raw, prepare};
 use cardiotwin_schemas::preparation::{BeatLeftOut, BeatsFound, Preparation};
 
 pub use afterload::{EjectionFlow, ejection_flow, table as afterload_table};
+pub use files::PREPARED;
 
 use crate::input::RawFolder;
-
-/// Folder beside `patient.toml` that holds the results of the steps.
-pub const PREPARED: &str = "prepared";
 
 /// A patient prepared from recordings, before anything is written.
 #[derive(Debug, Clone)]
@@ -39,7 +38,7 @@ pub fn make(folder: &RawFolder, id: &str) -> Result<Made, PrepareError> {
         whole_heart: settings::whole_heart(&folder.file),
     };
     let prepared = prepare(&raw, &settings::of(&folder.file.steps))?;
-    let facts = patient::Facts::of(folder, &prepared);
+    let facts = facts::Facts::of(folder, &prepared);
     let load = afterload::fit(folder, &prepared, &facts);
     let mut warnings = steps::warnings(folder, &prepared);
     warnings.extend(load.warning());

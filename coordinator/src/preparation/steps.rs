@@ -9,7 +9,7 @@ use cardiotwin_schemas::preparation::{StepDone, StepState};
 use cardiotwin_schemas::raw::{NoiseOf, RawSteps, VolumeAdjustment};
 
 use super::afterload::Load;
-use super::patient::Facts;
+use super::facts::Facts;
 use crate::input::RawFolder;
 
 /// Share of left-out beats above which a warning is given.

@@ -1,4 +1,6 @@
-//! The page around the content: head, style, navigation, script.
+//! The page around the content: head, style, navigation, script; its file.
+
+use std::path::Path;
 
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -6,6 +8,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::cohort::Link;
 use super::organ_3d;
 use super::patient::standing;
+use crate::results::{WriteError, atomic};
 
 const CSS: &str = include_str!("report.css");
 const JS: &str = include_str!("report.js");
@@ -77,4 +80,9 @@ pub fn nav(run: &RunRecord, home: &str, patients: &[PatientRecord], link: Link) 
             }
         }
     }
+}
+
+/// Writes a page, whole or not at all.
+pub(super) fn write(file: &Path, page: &Markup) -> Result<(), WriteError> {
+    atomic::replace(file, |out| out.write_all(page.0.as_bytes())).map_err(WriteError::file(file))
 }

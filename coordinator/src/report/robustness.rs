@@ -14,9 +14,8 @@ use maud::{Markup, html};
 
 use super::figures::{at, figure, legend};
 use super::format::{count, significant, symbol};
-use super::page::page;
+use super::page::{page, write};
 use super::plot::{Axis, Chart, Reading, Scale, Series};
-use super::write::write;
 use crate::results::{SignalKind, Signals, Source, WriteError};
 
 /// Drawing order as in Figure 6: samples below the originals, step 2 below step 1.

@@ -7,8 +7,9 @@ use cardiotwin_schemas::discover::DiscoverCases;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use maud::{Markup, html};
 
+use super::page::write;
 use super::{cohort, discovery, figures, page, patient};
-use crate::results::{Signals, WriteError, atomic};
+use crate::results::{Signals, WriteError};
 
 /// Largest number of patients in a report of one file.
 pub const ONE_FILE: usize = 50;
@@ -163,10 +164,6 @@ fn overview(
             @if !tiles.is_empty() { (cohort::small_multiples(tiles, left_out)) }
         }
     }
-}
-
-pub(super) fn write(file: &Path, page: &Markup) -> Result<(), WriteError> {
-    atomic::replace(file, |out| out.write_all(page.0.as_bytes())).map_err(WriteError::file(file))
 }
 
 /// Indices of the `n` patients to show first, in the cohort's order: failures, followed by the

@@ -10,7 +10,7 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::CalciumSource;
 use cardiotwin_schemas::task::{CellFitSpec, InputFile};
 
-use crate::derivation::stream;
+use crate::stream::stream;
 
 /// Specification of the fit of a patient's cell.
 #[must_use]

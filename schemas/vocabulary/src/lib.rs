@@ -14,6 +14,7 @@ pub mod findings;
 pub mod fits;
 pub mod json_schema;
 pub mod label;
+mod labels;
 pub mod motion;
 pub mod passive_law;
 pub mod ranges;

@@ -2,7 +2,7 @@
 
 use cardiotwin_models::calcium::Rice2008Shape;
 
-use crate::input::InputProblem;
+use crate::input_problem::InputProblem;
 
 /// Relative difference of Rice's rates below which their limit is taken: its error is then below 1e-9.
 pub(crate) const EQUAL_RATES: f64 = 1e-5;

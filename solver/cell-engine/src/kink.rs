@@ -1,8 +1,8 @@
 //! Steps that end on the kink of h at λ = 0.87, where dλ/dt jumps.
 
 use crate::input::Constants;
+use crate::job::Job;
 use crate::model::{KINK, Slopes, State, linearise};
-use crate::schedule::Job;
 use crate::step::Lanes;
 use crate::trace::Node;
 

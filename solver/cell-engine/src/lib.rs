@@ -18,12 +18,15 @@ mod calcium;
 mod dispatch;
 mod engine;
 mod input;
+mod input_problem;
+mod job;
 mod kink;
 mod lanes;
 mod model;
 mod output;
 mod periodic;
 mod schedule;
+mod settings;
 mod start;
 mod step;
 mod trace;
@@ -31,9 +34,10 @@ mod trace;
 pub use biomarkers::{CellBiomarkers, Duration, Penalty};
 pub use calcium::SampledCalcium;
 pub use dispatch::{PathMissing, SimdPath};
-pub use engine::{CellEngine, EngineError, EngineSettings, Workspace};
+pub use engine::{CellEngine, EngineError, Workspace};
 pub use input::{
-    CellInput, DEFAULT_PARAMETERS, InputProblem, N_PARAMETERS, NegativeKwu, PARAMETER_NAMES,
-    PassiveConstants,
+    CellInput, DEFAULT_PARAMETERS, N_PARAMETERS, NegativeKwu, PARAMETER_NAMES, PassiveConstants,
 };
+pub use input_problem::InputProblem;
 pub use output::{CellOutput, CellStatus, CellTrace, CostBound, Objective};
+pub use settings::EngineSettings;

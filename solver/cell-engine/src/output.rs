@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{CellBiomarkers, Penalty};
-use crate::input::InputProblem;
+use crate::input_problem::InputProblem;
 
 /// Ending of an evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

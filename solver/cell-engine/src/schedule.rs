@@ -10,50 +10,22 @@
 use crate::biomarkers::{Penalty, calcium_penalty, of_segments};
 use crate::calcium::{SampledCalcium, Transient};
 use crate::dispatch::{Available, prepare_lanes, step_lanes};
-use crate::engine::EngineSettings;
 use crate::input::{CellInput, ConstantLanes, Constants, DEFAULT_PARAMETERS, NegativeKwu, at};
+use crate::job::{Job, Phase};
 use crate::kink::{aim_at_kink, slopes, turn_at_kink};
 use crate::lanes::LANES;
 use crate::model::{KINK, State, StateLanes};
 use crate::output::{CellOutput, CellStatus, CellTrace, CostBound};
 use crate::periodic::{change, extrapolate, oscillates};
+use crate::settings::EngineSettings;
 use crate::start::{Prepared, StartTime, StartTimeLanes};
 use crate::step::{
     Clock, ClockLanes, FloorLanes, Floors, Lanes, ON_KINK, Report, ReportLanes, Scratch, outcome,
 };
 use crate::trace::{Node, Segment, sample, segments};
 
-/// First step of a beat and of the run-in \[ms\].
-const FIRST_STEP_MS: f64 = 0.5;
 /// A step this short \[ms\] means that the cell cannot be integrated.
 const SHORTEST_STEP_MS: f64 = 1e-7;
-
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-enum Phase {
-    #[default]
-    Idle,
-    RunIn,
-    Beat,
-}
-
-/// The cell in one lane.
-#[derive(Debug, Clone, Default)]
-pub struct Job {
-    phase: Phase,
-    input: usize,
-    /// Whether the steps leave nodes.
-    pub record: bool,
-    tolerance: f64,
-    start: State,
-    /// Step to go on with behind the kink that the present step is aimed at; 0 when there is none.
-    pub resume_h: f64,
-    tries: u32,
-    beats: u32,
-    steps: u32,
-    refused: u32,
-    /// The beat so far.
-    pub nodes: Vec<Node>,
-}
 
 /// Cells whose start is prepared and that wait for a lane.
 #[derive(Debug, Clone)]
@@ -447,36 +419,5 @@ fn transient<'a>(samples: Option<&'a SampledCalcium>, input: &CellInput) -> Tran
     match samples {
         Some(samples) => samples.within(input.cycle_length_ms),
         None => Transient::rice(p[at::CA_RES], p[at::CA_MAX], p[at::TAU_CR], p[at::TAU_CD]),
-    }
-}
-
-impl Job {
-    /// Starts integrating at t = 0 from `x`.
-    fn begin(&mut self, lanes: &mut Lanes, i: usize, tolerance: f64, x: State) {
-        self.start = x;
-        self.resume_h = 0.0;
-        self.tries = 0;
-        self.nodes.clear();
-        lanes.state.set(i, &x);
-        lanes.clock.set(
-            i,
-            &Clock {
-                t: 0.0,
-                slow: 1.0,
-                fast: 1.0,
-                h: FIRST_STEP_MS,
-                growth: 5.0,
-                low: if x.l < KINK { 1.0 } else { 0.0 },
-                tolerance,
-                running: 1.0,
-            },
-        );
-    }
-
-    /// Starts a recorded beat.
-    fn begin_beat(&mut self, lanes: &mut Lanes, i: usize, x: State) {
-        self.begin(lanes, i, self.tolerance, x);
-        self.phase = Phase::Beat;
-        self.record = true;
     }
 }

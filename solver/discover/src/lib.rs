@@ -23,11 +23,13 @@ pub mod reduced;
 pub mod result;
 pub mod search;
 pub mod series;
+pub mod settings;
 pub mod stage;
 mod stepwise;
 pub mod unexplained;
 
-pub use decide::{DiscoverError, Settings, discover};
+pub use decide::{DiscoverError, discover};
 pub use measured::Measured;
 pub use reduced::Reduced;
 pub use result::Discovery;
+pub use settings::Settings;

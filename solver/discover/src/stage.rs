@@ -1,12 +1,12 @@
 //! One stage of the search: a structure, what each candidate adds to it, and what noise alone would give.
 
 use crate::bootstrap::{Tangent, null_maxima, quantile, tangents};
-use crate::decide::Settings;
 use crate::discrepancy::{ALWAYS, DiscrepancyTerm, FitsByDiscrepancy, Views, fit_by_discrepancy};
 use crate::fit::Fit;
 use crate::forward::Forward;
 use crate::problem::Problem;
 use crate::search::{RISE, add_term, best, refit, scan};
+use crate::settings::Settings;
 use rayon::prelude::*;
 
 /// Evidence below which no result is preferred: "not worth more than a bare mention" (Kass and

@@ -2,12 +2,17 @@
 //! places, the expected state and the remedy.
 
 mod defect;
+mod expected;
 mod further;
+mod limits;
+mod places;
 mod surfaces;
 #[cfg(test)]
 mod tests;
 
 pub use defect::{Defect, Item, Place, Severity, Tangle};
+pub use expected::Expected;
+pub use limits::{DEGENERATE, EXTENT_MM, POOR_WARNING};
 pub(crate) use surfaces::same_turn;
 
 use crate::adjacency::Adjacency;
@@ -18,41 +23,13 @@ use crate::surface::{boundary, sorted};
 use crate::tet_mesh::{FACES, TetMesh};
 use crate::vec3::{Vec3, add, norm, scale, sub};
 use cardiotwin_units::Ml;
+use places::{at_edge, at_element, at_node, at_triangle};
 use std::collections::{BTreeMap, HashMap};
 
-/// Mean ratio below which an element counts as flat.
-pub const DEGENERATE: f64 = 0.02;
-/// Mean ratio below which an element counts as badly shaped. Computations are possible, but with
-/// short steps.
-pub const POOR_WARNING: f64 = 0.1;
-/// Accepted extent of a left ventricle \[mm\], from a mouse's to a dilated human one with its
-/// aortic root.
-pub const EXTENT_MM: std::ops::RangeInclusive<f64> = 3.0..=400.0;
 /// Largest accepted deviation of a fibre's length from one.
 const UNIT_TOLERANCE: f64 = 1e-3;
 /// Nodes count as doubled if their distance is less than this share of the mean edge.
 pub(crate) const DOUBLED: f64 = 1e-4;
-
-/// Requirements on a mesh.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Expected<'a> {
-    /// Tags of contracting tissue; each of them must occur.
-    pub muscle_tags: &'a [i32],
-    /// Whether contracting elements need fibre directions.
-    pub fibres: bool,
-    /// Names of surfaces that the mesh must have.
-    pub surfaces: &'a [&'a str],
-    /// Name of the right ventricle's endocardium, if a pressure acts on it.
-    pub right_ventricle: Option<&'a str>,
-    /// Names of surfaces with springs of their own.
-    pub sprung: &'a [&'a str],
-    /// Reason why missing surfaces could not be found on the mesh; `None` if this was not tried.
-    pub surfaces_not_found: Option<String>,
-    /// Measured volume of the cavity, with the accepted relative difference.
-    pub cavity: Option<(Ml, f64)>,
-    /// Stated volume of the contracting wall, with the accepted relative difference.
-    pub wall: Option<(Ml, f64)>,
-}
 
 /// Finds all defects. `unit` is the unit in which the coordinates were read; the advice for a heart
 /// of the wrong size mentions it.
@@ -73,42 +50,6 @@ pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defec
     further::check(mesh, expected, &mut found);
     fibres(mesh, expected, &mut found);
     found
-}
-
-/// Mean position of nodes.
-fn middle(mesh: &TetMesh, nodes: &[u32]) -> Vec3 {
-    let sum = nodes.iter().fold([0.0; 3], |sum, node| {
-        add(sum, mesh.nodes_mm[*node as usize])
-    });
-    scale(sum, 1.0 / nodes.len() as f64)
-}
-
-fn at_element(mesh: &TetMesh, e: usize) -> Place {
-    Place {
-        item: Item::Element(e),
-        at_mm: mesh.centroid_mm(e),
-    }
-}
-
-fn at_node(mesh: &TetMesh, node: u32) -> Place {
-    Place {
-        item: Item::Node(node),
-        at_mm: mesh.nodes_mm[node as usize],
-    }
-}
-
-fn at_edge(mesh: &TetMesh, edge: [u32; 2]) -> Place {
-    Place {
-        item: Item::Edge(edge),
-        at_mm: middle(mesh, &edge),
-    }
-}
-
-fn at_triangle(mesh: &TetMesh, triangle: [u32; 3]) -> Place {
-    Place {
-        item: Item::Triangle(triangle),
-        at_mm: middle(mesh, &triangle),
-    }
 }
 
 fn readable(mesh: &TetMesh) -> Vec<Defect> {

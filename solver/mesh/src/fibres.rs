@@ -5,12 +5,14 @@
 //! restricted to a left ventricle. Without the field of the right ventricle, both angles are linear
 //! in the transmural field.
 
+use crate::frame::Frame;
 use crate::joint::{Alone, Joint, any, sums};
 use crate::laplace::{self, LaplaceError};
 use crate::node_fibres::{NodeFibres, WallPoint};
-use crate::tet_mesh::{Frame, TetMesh, shape_gradients, surface_names, tags};
+use crate::tet_mesh::{TetMesh, shape_gradients, surface_names, tags};
 use crate::vec3::{Vec3, add, axpy, norm, reject, scale, unit};
 
+pub use crate::frame::turned;
 pub use cardiotwin_vocabulary::fibres::FibreAngles;
 
 /// Definition of the direction from apex to base.
@@ -291,24 +293,6 @@ pub fn rule_of_part(
     NodeFibres::Rule {
         walls: (0..mesh.n_nodes()).map(wall).collect(),
         angles: *angles,
-    }
-}
-
-/// Frame for given circumferential, longitudinal and transmural directions and the two angles
-/// \[radians\].
-///
-/// Source: Bayer 2012, Eq. 3 ("orient"): Q R(α) R(β), whose columns are fibre, sheet normal and
-/// sheet.
-#[must_use]
-pub fn turned(around: Vec3, up: Vec3, out: Vec3, alpha: f64, beta: f64) -> Frame {
-    let fibre = axpy(scale(around, alpha.cos()), alpha.sin(), up);
-    let across = axpy(scale(up, alpha.cos()), -alpha.sin(), around);
-    let sheet = axpy(scale(out, beta.cos()), beta.sin(), across);
-    let normal = axpy(scale(across, beta.cos()), -beta.sin(), out);
-    Frame {
-        fibre,
-        sheet,
-        normal,
     }
 }
 

@@ -14,6 +14,7 @@ pub mod ellipsoid;
 pub mod fibres;
 pub mod files;
 pub mod find_surfaces;
+mod frame;
 pub mod intake;
 pub mod joint;
 pub mod landmarks;

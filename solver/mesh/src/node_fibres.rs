@@ -3,9 +3,9 @@
 //! Fibres turn by 120° across the wall. With one direction per element, the field is a staircase;
 //! with nodal directions, each integration point has its own direction.
 
-use crate::fibres::{FibreAngles, turned};
-use crate::tet_mesh::Frame;
+use crate::frame::{Frame, turned};
 use crate::vec3::{Vec3, any_perpendicular, axpy, cross, dot, reject, scale, unit};
+use cardiotwin_vocabulary::fibres::FibreAngles;
 
 /// Directions of the wall at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,6 +5,8 @@ use crate::surface::Surface;
 use crate::vec3::{Vec3, cross, dot, scale, sub};
 use cardiotwin_units::Ml;
 
+pub use crate::frame::Frame;
+
 /// Tags of generated meshes. Meshes from files have tags of their own.
 pub mod tags {
     /// Contracting wall of the left ventricle.
@@ -33,18 +35,6 @@ pub mod surface_names {
     pub const RIGHT_VENTRICLE: &str = "right-ventricle";
     /// All names that the program uses.
     pub const KNOWN: [&str; 5] = [ENDOCARDIUM, EPICARDIUM, RIM, SEPTUM, RIGHT_VENTRICLE];
-}
-
-/// Orthonormal directions of an element's tissue, with `normal` = fibre × sheet up to sign.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame {
-    /// Unit vector f₀ along the fibre.
-    pub fibre: Vec3,
-    /// Sheet direction s₀, in the sheet and across the fibre; transmural if the sheet angle is
-    /// zero.
-    pub sheet: Vec3,
-    /// Unit vector n₀ across the sheet.
-    pub normal: Vec3,
 }
 
 /// A mesh of linear tetrahedra.

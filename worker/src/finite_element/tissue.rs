@@ -7,7 +7,8 @@ use cardiotwin_mesh::TetMesh;
 
 use super::FiniteElementError;
 use super::passive::Workers;
-use crate::team::{Call, Team};
+use crate::call::Call;
+use crate::team::Team;
 
 /// Carries out a job on all workers if the mesh is large enough, otherwise on one. `fibres_done` is
 /// called when the fibres are computed.

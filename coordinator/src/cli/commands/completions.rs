@@ -19,16 +19,17 @@ pub struct CompletionsArgs {
 
 /// Prints the completions.
 ///
+/// - `command`: the program as clap knows it
+///
 /// # Errors
 /// Stdout cannot be written.
-pub fn execute(args: &CompletionsArgs, talk: &Talk) -> Result<Exit, CliError> {
+pub fn execute(
+    args: &CompletionsArgs,
+    mut command: clap::Command,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
     let mut text = Vec::new();
-    clap_complete::generate(
-        args.shell,
-        &mut crate::cli::command(),
-        "cardiotwin",
-        &mut text,
-    );
+    clap_complete::generate(args.shell, &mut command, "cardiotwin", &mut text);
     talk.data(&String::from_utf8_lossy(&text))?;
     Ok(Exit::Ok)
 }

@@ -19,23 +19,23 @@ pub struct ManArgs {
 
 /// Prints the program's manual page, or writes the pages of all commands.
 ///
+/// - `command`: the program as clap knows it
+///
 /// # Errors
 /// [`CliError::File`] if the folder cannot be made, [`CliError::Io`] if a page cannot be written.
-pub fn execute(args: &ManArgs, talk: &Talk) -> Result<Exit, CliError> {
+pub fn execute(args: &ManArgs, command: clap::Command, talk: &Talk) -> Result<Exit, CliError> {
     let io = |source| CliError::Io {
         what: "cannot write the manual page",
         source,
     };
     let Some(folder) = &args.out else {
         let mut text = Vec::new();
-        Man::new(crate::cli::command())
-            .render(&mut text)
-            .map_err(io)?;
+        Man::new(command).render(&mut text).map_err(io)?;
         talk.data(&String::from_utf8_lossy(&text))?;
         return Ok(Exit::Ok);
     };
     std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
-    clap_mangen::generate_to(crate::cli::command(), folder).map_err(io)?;
+    clap_mangen::generate_to(command, folder).map_err(io)?;
     talk.say(&format!("manual pages written to {}", folder.display()));
     Ok(Exit::Ok)
 }

@@ -7,14 +7,36 @@ use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::time::{utc_ms, utc_text};
 use serde_json::{Map, Value, json};
 
-use super::{CrateFile, CrateOptions, METADATA};
 use crate::results::PatientView;
+
+/// Name of the metadata file, which makes a folder a crate.
+pub const METADATA: &str = "ro-crate-metadata.json";
 
 /// Term of the profile that RO-Crate's own context lacks.
 const SHA256: &str = "https://w3id.org/ro/terms/workflow-run#sha256";
 const PROFILE: &str = "https://w3id.org/ro/wfrun/process/0.5";
 const CRATE: &str = "https://w3id.org/ro/crate/1.1";
 const METHOD: &str = "https://doi.org/10.3390/math10050823";
+
+/// Statements of a crate that the run's record does not contain.
+#[derive(Debug, Clone, Default)]
+pub struct CrateOptions {
+    /// URL of the terms of use.
+    pub license: Option<String>,
+    /// Name of the person who made the crate.
+    pub author: Option<String>,
+    /// Whether measured inputs are copied into the crate.
+    pub with_inputs: bool,
+}
+
+/// A file of a crate that was written before its metadata.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CrateFile {
+    /// Path relative to the crate, separated by `/`.
+    pub path: String,
+    /// Description in one sentence.
+    pub name: String,
+}
 
 /// An input of a patient.
 pub struct Input {

@@ -12,33 +12,11 @@ use std::path::PathBuf;
 
 use cardiotwin_schemas::record::RunRecord;
 
+pub use graph::{CrateFile, CrateOptions, METADATA};
 pub use record::without_paths;
 
 use crate::results::WriteError;
 use crate::results::folder::WholeFolder;
-
-/// Name of the metadata file, which makes a folder a crate.
-pub const METADATA: &str = "ro-crate-metadata.json";
-
-/// Statements of a crate that the run's record does not contain.
-#[derive(Debug, Clone, Default)]
-pub struct CrateOptions {
-    /// URL of the terms of use.
-    pub license: Option<String>,
-    /// Name of the person who made the crate.
-    pub author: Option<String>,
-    /// Whether measured inputs are copied into the crate.
-    pub with_inputs: bool,
-}
-
-/// A file of a crate that was written before its metadata.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CrateFile {
-    /// Path relative to the crate, separated by `/`.
-    pub path: String,
-    /// Description in one sentence.
-    pub name: String,
-}
 
 /// Adds each patient's record, parameters and, with `with_inputs`, inputs, and writes the metadata
 /// of all files.

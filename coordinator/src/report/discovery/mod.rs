@@ -10,11 +10,11 @@ use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases};
 use maud::{Markup, html};
 
 use super::figures::{figure, legend};
-use super::page::page;
+use super::page::{page, write};
 use super::plot::stacked;
-use super::write::write;
 use crate::results::WriteError;
-use crate::results::discovery::words::{self, plain};
+use crate::results::discovery::words;
+use tables::verdict;
 
 /// Writes the page of a run of searches.
 ///
@@ -69,22 +69,6 @@ pub fn cohort(cases: &DiscoverCases) -> Markup {
             @if cases.values().any(|case| case.run.is_some()) { (tables::run_misses(cases)) }
             @if cases.values().any(|case| case.found.stated_filling.is_some()) { (tables::filling(cases)) }
         }
-    }
-}
-
-/// The findings in a few words.
-fn verdict(case: &DiscoverCase) -> String {
-    let found = &case.found;
-    match (&found.findings.unexplained, found.findings.none) {
-        (Some(_), _) => "unexplained".to_owned(),
-        (None, true) => "nothing is missing".to_owned(),
-        (None, false) => found
-            .findings
-            .accepted
-            .iter()
-            .map(|name| plain(name))
-            .collect::<Vec<_>>()
-            .join(" + "),
     }
 }
 

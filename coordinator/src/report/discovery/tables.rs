@@ -16,6 +16,23 @@ fn number(value: Option<f64>) -> Markup {
     html! { td.num { (fixed(value, 2)) } }
 }
 
+/// The findings in a few words.
+#[must_use]
+pub fn verdict(case: &DiscoverCase) -> String {
+    let found = &case.found;
+    match (&found.findings.unexplained, found.findings.none) {
+        (Some(_), _) => "unexplained".to_owned(),
+        (None, true) => "nothing is missing".to_owned(),
+        (None, false) => found
+            .findings
+            .accepted
+            .iter()
+            .map(|name| plain(name))
+            .collect::<Vec<_>>()
+            .join(" + "),
+    }
+}
+
 /// Table of the ranked candidates.
 #[must_use]
 pub fn ranking(case: &DiscoverCase) -> Markup {
@@ -182,7 +199,7 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
             @let found = &case.found;
             tr {
                 th scope="row" { a href={ "#missing-" (case.case) } { (case.case) } }
-                td { (super::verdict(case)) }
+                td { (verdict(case)) }
                 (number(Some(found.findings.gap_before))) (number(Some(found.findings.gap_after)))
                 (number(found.findings.gap_heldout_before)) (number(found.findings.gap_heldout_after))
                 td { (found.findings.confusable.iter().map(|name| plain(name)).collect::<Vec<_>>().join(", ")) }

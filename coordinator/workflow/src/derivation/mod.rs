@@ -13,7 +13,6 @@ use std::borrow::Cow;
 use std::path::PathBuf;
 
 use cardiotwin_schemas::failure::{Failure, FailureClass};
-use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::{
     BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
@@ -26,6 +25,8 @@ use cardiotwin_schemas::task::{CellInOrgan, NoopSpec, Step1Beat, TaskSpec};
 use crate::cell_fit;
 use crate::chain::Chain;
 use crate::patient::{Stage, Step};
+
+pub use crate::stream::stream;
 
 /// A settled task as the chain sees it.
 #[derive(Debug, Clone)]
@@ -256,12 +257,4 @@ fn wrong_kind(step: Step, result: &TaskResult) -> Next {
         FailureClass::Bug,
         format!("the result found for {step} is of another kind: {result:.80?}"),
     )
-}
-
-/// Seed of a patient's own stream of random numbers. It has 53 bits, so that every JSON reader gets
-/// the same number.
-#[must_use]
-pub fn stream(seed: u64, patient: &str) -> u64 {
-    let digest = sha256_hex(format!("{seed}/{patient}").as_bytes());
-    u64::from_str_radix(&digest[..16], 16).expect("a digest is hexadecimal") >> 11
 }

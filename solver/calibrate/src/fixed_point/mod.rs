@@ -9,14 +9,16 @@
 mod cost;
 mod decision;
 mod driver;
+mod error;
 mod settings;
 
 pub use cost::{Cost, Term, Weights};
 pub use decision::{
-    Decision, Ending, FixedPointError, History, Iteration, Outcome, PROMISED_FRACTION, Quality,
-    content, decide, ended, nothing_new,
+    Decision, Ending, History, Iteration, Outcome, PROMISED_FRACTION, Quality, content, decide,
+    ended, nothing_new,
 };
 pub use driver::driver;
+pub use error::FixedPointError;
 pub use settings::validate;
 
 #[cfg(test)]

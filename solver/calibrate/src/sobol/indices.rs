@@ -16,7 +16,7 @@
 use super::error::SobolError;
 use super::numpy_random::NumpyRandom;
 use super::saltelli::rows_per_block;
-use super::terms::Terms;
+use super::terms::{Terms, pairs};
 use crate::normal;
 use cardiotwin_vocabulary::statistics::SobolIndex;
 use nalgebra::DMatrix;
@@ -210,11 +210,6 @@ fn analyse_output(
         })
         .collect();
     result
-}
-
-/// All pairs of parameters, the smaller index first.
-pub(super) fn pairs(n_parameters: usize) -> impl Iterator<Item = [usize; 2]> {
-    (0..n_parameters).flat_map(move |j| (j + 1..n_parameters).map(move |k| [j, k]))
 }
 
 /// An index from its estimate and its resamples. Resamples without a block that has its rows do not

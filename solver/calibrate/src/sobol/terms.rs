@@ -1,6 +1,5 @@
 //! Contributions of each block to the sums whose ratios are the indices.
 
-use super::indices::pairs;
 use super::saltelli::rows_per_block;
 use nalgebra::DMatrix;
 use std::collections::HashMap;
@@ -138,4 +137,9 @@ impl Terms {
             }
         })
     }
+}
+
+/// All pairs of parameters, the smaller index first.
+pub(super) fn pairs(n_parameters: usize) -> impl Iterator<Item = [usize; 2]> {
+    (0..n_parameters).flat_map(move |j| (j + 1..n_parameters).map(move |k| [j, k]))
 }

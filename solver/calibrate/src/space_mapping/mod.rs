@@ -12,11 +12,13 @@ mod correction;
 mod minimise;
 mod of_step1;
 mod propose;
+mod run;
 mod trust;
 
 pub use minimise::Effort;
 pub use of_step1::{Step1Problem, Step1Run, plausible, propose_step1};
-pub use propose::{Nearness, Prior, Problem, Proposal, Run, Trial, propose};
+pub use propose::{Nearness, Prior, Problem, Proposal, Trial, propose};
+pub use run::Run;
 
 #[cfg(test)]
 mod tests;

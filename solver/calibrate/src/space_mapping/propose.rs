@@ -2,6 +2,7 @@
 
 use super::correction::{Correction, logarithms};
 use super::minimise::{Effort, minimise};
+use super::run::Run;
 use super::trust;
 use crate::Interval;
 use crate::fixed_point::{Cost, Outcome, Weights};
@@ -10,19 +11,6 @@ use serde::{Deserialize, Serialize};
 
 /// Relative difference assigned to each biomarker if the cheap model cannot finish its beat.
 const FAILED: f64 = 3.0;
-
-/// A run of the expensive model.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Run {
-    /// Simulated point, as logarithms of the parameters.
-    pub x: Vec<f64>,
-    /// Outcome of the simulation.
-    pub outcome: Outcome,
-    /// Residuals outside the biomarkers, as [`Trial::also`].
-    pub also: Vec<f64>,
-    /// Misfit of the corrected cheap model at the point; `None` if no proposal led to it.
-    pub predicted_misfit: Option<f64>,
-}
 
 /// A beat of the cheap model.
 #[derive(Debug, Clone, PartialEq)]

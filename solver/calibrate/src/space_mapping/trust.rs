@@ -1,6 +1,6 @@
 //! Trust region: the distance from the best run over which predictions held.
 
-use super::Run;
+use super::run::Run;
 use crate::fixed_point::Outcome;
 
 /// Smallest and largest radius.

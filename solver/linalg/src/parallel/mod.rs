@@ -10,13 +10,15 @@ mod part;
 mod partition;
 mod threads;
 mod traffic;
+mod vector_layout;
 
 pub use agreement::{Disagreement, agree};
 pub use communicator::{Communicator, SingleProcess};
-pub use layout::{Layout, Neighbour, VectorLayout};
+pub use layout::{Layout, Neighbour};
 pub use message::{MessageReader, MessageWriter};
 pub use part::Part;
 #[cfg(feature = "metis")]
 pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};
 pub use threads::{Crew, RankFailure, ThreadRank, ThreadSettings, crew, on_threads};
 pub use traffic::{Counted, Traffic};
+pub use vector_layout::VectorLayout;

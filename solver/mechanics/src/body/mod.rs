@@ -1,5 +1,6 @@
 //! A deformable body of elements and tissues; forces and stiffness are assembled in one fixed order.
 
+mod deformation;
 mod passes;
 mod transpose;
 
@@ -15,6 +16,8 @@ use crate::material::{MaterialError, Tissue, VolumetricLaw};
 use cardiotwin_linalg::parallel::{Communicator, Disagreement, Layout, agree};
 use cardiotwin_linalg::{BlockCsr, CondensedMatrix, Coupling, Pattern};
 use passes::{Elements, Field, Moving, Pass};
+
+pub use deformation::Deformation;
 
 /// Reasons why a body could not be built.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -71,21 +74,6 @@ pub struct BodyInput<'a, const N: usize> {
     pub layout: Layout,
     /// Mesh number of each element, for error messages; empty if the numbers agree.
     pub elements: &'a [u32],
-}
-
-/// State of the integration points at a displacement: batches of eight lanes, ordered by batch and then by point.
-#[derive(Debug, Clone, Default)]
-pub struct Deformation {
-    /// Volume ratio `J`, deformed over reference volume.
-    pub volume_ratio: Vec<Eight>,
-    /// Squared fibre stretch `C₁₁`.
-    pub squared_stretch: Vec<Eight>,
-    /// Pressure of each vertex from its averaged volume change \[kPa\]; empty for a pointwise penalty.
-    pub nodal_pressure: Vec<f64>,
-    /// Derivative of that pressure with respect to the vertex's deformed volume \[kPa/mm³\].
-    pub nodal_slope: Vec<f64>,
-    /// Smallest `J` on this rank, and its element.
-    pub smallest: (f64, usize),
 }
 
 /// Elements and tissues, assembled on this rank's nodes.

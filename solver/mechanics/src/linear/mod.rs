@@ -2,6 +2,7 @@
 
 mod assembled;
 mod packed;
+mod packed_assembly;
 
 pub use assembled::{Assembled, Sink};
 pub use packed::{PackedBlock, PackedTangent, PackedVolume};

@@ -16,6 +16,8 @@ use crate::element::batch::Frame;
 use crate::element::kernel::VolumeChange;
 use crate::element::quadratic::QuadraticMesh;
 
+pub use super::triangles::Triangles;
+
 /// Interpolation and volume law of a ventricle's elements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ElementKind {
@@ -72,15 +74,6 @@ impl std::fmt::Display for ElementKind {
             }
         }
     }
-}
-
-/// Triangles of a surface with three or six nodes.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Triangles {
-    /// Triangles with three nodes.
-    Linear(Vec<[u32; 3]>),
-    /// Triangles with six nodes.
-    Quadratic(Vec<[u32; 6]>),
 }
 
 /// Elements with four or ten nodes.

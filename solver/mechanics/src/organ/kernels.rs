@@ -2,9 +2,8 @@
 
 use cardiotwin_linalg::{BlockJacobi, KrylovSettings, conjugate_gradients};
 
-use super::rank::OrganRank;
 use crate::body::Deformation;
-use crate::dynamics::Candidate;
+use crate::dynamics::{Candidate, Dynamics, State};
 use crate::element::BATCH;
 use crate::element::kernel::ActivePoint;
 use crate::linear::PackedTangent;
@@ -56,19 +55,49 @@ pub(super) struct Bench {
 
 const STEP_MS: f64 = 1.0;
 
-impl OrganRank {
-    /// Runs a kernel at the committed displacement under a constant active stress, then waits for all ranks. `None` for
-    /// elements without a tangent in single precision. Collective.
-    pub fn run(&mut self, kernel: Kernel) -> Option<()> {
-        let mut bench = self.bench.take().map_or_else(|| self.new_bench(), Some)?;
-        let (body, comm) = (&self.dynamics.body, self.dynamics.comm.as_ref());
-        let Bench {
+impl Bench {
+    /// Buffers at the committed displacement under a constant active stress; `None` for elements without a tangent in single
+    /// precision. Collective.
+    pub(super) fn new(dynamics: &Dynamics, now: &State) -> Option<Self> {
+        let u = now.motion.u.clone();
+        let n = u.len();
+        let mut candidate = Candidate {
+            motion: Motion {
+                u,
+                ..Motion::default()
+            },
+            pressure_kpa: now.pressure_kpa,
+            active: vec![
+                ActivePoint {
+                    sa_kpa: [40.0; BATCH],
+                    slope_kpa: [20.0; BATCH]
+                };
+                dynamics.body.n_point_batches()
+            ],
+            deformation: Deformation::default(),
+            ..Candidate::default()
+        };
+        let tangent = dynamics.body.new_packed_tangent()?;
+        dynamics.complete(STEP_MS, now, &mut candidate);
+        Some(Self {
+            candidate,
+            force: vec![0.0; n],
+            residual: vec![0.0; n],
+            tangent,
+            linearised: false,
+        })
+    }
+
+    /// Runs a kernel, then waits for all ranks. Collective.
+    pub(super) fn run(&mut self, kernel: Kernel, dynamics: &Dynamics, now: &State) {
+        let (body, comm) = (&dynamics.body, dynamics.comm.as_ref());
+        let Self {
             candidate,
             force,
             residual,
             tangent,
             linearised,
-        } = &mut bench;
+        } = self;
         let Candidate {
             shifted,
             active,
@@ -84,8 +113,7 @@ impl OrganRank {
             }
             Kernel::Krylov(n) => {
                 if !*linearised {
-                    self.dynamics
-                        .linearise(STEP_MS, &self.now, candidate, force, residual, tangent);
+                    dynamics.linearise(STEP_MS, now, candidate, force, residual, tangent);
                     *linearised = true;
                 }
                 let mut x = vec![0.0; force.len()];
@@ -96,7 +124,7 @@ impl OrganRank {
                     ..KrylovSettings::default()
                 };
                 conjugate_gradients(
-                    self.dynamics.space(),
+                    dynamics.space(),
                     tangent,
                     &jacobi,
                     &candidate.load,
@@ -106,51 +134,10 @@ impl OrganRank {
             }
         }
         comm.sum(&mut [0.0]);
-        self.bench = Some(bench);
-        Some(())
     }
 
-    fn new_bench(&self) -> Option<Bench> {
-        let u = self.now.motion.u.clone();
-        let n = u.len();
-        let mut candidate = Candidate {
-            motion: Motion {
-                u,
-                ..Motion::default()
-            },
-            pressure_kpa: self.now.pressure_kpa,
-            active: vec![
-                ActivePoint {
-                    sa_kpa: [40.0; BATCH],
-                    slope_kpa: [20.0; BATCH]
-                };
-                self.dynamics.body.n_point_batches()
-            ],
-            deformation: Deformation::default(),
-            ..Candidate::default()
-        };
-        let tangent = self.dynamics.body.new_packed_tangent()?;
-        self.dynamics.complete(STEP_MS, &self.now, &mut candidate);
-        Some(Bench {
-            candidate,
-            force: vec![0.0; n],
-            residual: vec![0.0; n],
-            tangent,
-            linearised: false,
-        })
-    }
-
-    /// Bytes that one conjugate-gradient iteration moves through memory on all ranks, if caches keep nothing between passes.
-    /// Collective.
-    pub fn krylov_bytes(&self) -> f64 {
-        let per_product = self.bench.as_ref().map_or(0, |bench| {
-            bench.tangent.bytes_of_product(self.part.layout.n_local)
-        });
-        // Reads and writes of directions, solution, residual and preconditioned residual in the solver's loops, plus inverse
-        // blocks.
-        let per_node = 3 * 8 * (3 + 2 + 6 + 2 + 2) + 9 * 8;
-        let mut bytes = [(per_product + per_node * self.part.layout.n_owned) as f64];
-        self.dynamics.comm.sum(&mut bytes);
-        bytes[0]
+    /// Bytes that a product with the tangent reads and writes, for `n_local` nodes.
+    pub(super) fn bytes_of_product(&self, n_local: usize) -> usize {
+        self.tangent.bytes_of_product(n_local)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::passive_state::{PassiveState, PassiveStateError};
 use super::piece::Piece;
-use super::search::{Fitted, Search, Slope};
+use super::search::Search;
 use super::wall::WallParameters;
 
 /// Targets of the fit of the passive law.
@@ -40,6 +40,21 @@ pub enum PassiveFit {
         /// Cavity volume wanted without load \[mm³\].
         unloaded_volume_mm3: f64,
     },
+}
+
+/// Derivatives of the logarithms of end-diastolic and unloaded volume (rows) with respect to the logarithms of stiffness and
+/// exponent factor (columns).
+pub type Slope = [[f64; 2]; 2];
+
+/// A passive state with its fitted law.
+#[derive(Debug)]
+pub struct Fitted {
+    /// The state in equilibrium at end-diastole.
+    pub state: PassiveState,
+    /// The wall with the fitted passive law.
+    pub wall: WallParameters,
+    /// Slope at the solution, from which a fit on another mesh of the same heart can start.
+    pub slope: Option<Slope>,
 }
 
 /// Relative tolerance of the unloaded volume in the three-point fit; the target is itself a rule of thumb, not a measurement.

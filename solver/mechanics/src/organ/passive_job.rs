@@ -6,10 +6,10 @@ use cardiotwin_linalg::parallel::{Crew, RankFailure, ThreadRank, ThreadSettings,
 
 use super::anatomy::Anatomy;
 use super::end_diastole::EndDiastole;
-use super::passive_fit::{PassiveFit, fit, stiffened};
+use super::passive_fit::{PassiveFit, Slope, fit, stiffened};
 use super::passive_state::PassiveStateError;
 use super::piece::{Piece, parts_of};
-use super::search::{Search, Slope};
+use super::search::Search;
 use super::wall::WallParameters;
 
 /// Task of step 0.

@@ -8,7 +8,7 @@ use cardiotwin_linalg::parallel::{PartitionError, RankFailure, VectorLayout};
 
 use super::piece::Piece;
 use super::rigid::rigid_motion;
-use super::search::Search;
+use super::search::{Search, SearchProgress};
 use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
@@ -572,6 +572,39 @@ impl PassiveState {
             }
         }
         Ok(())
+    }
+}
+
+impl Search<'_> {
+    /// Asks the watcher before an equilibrium at `pressure_kpa`; an error ends the search. Collective.
+    pub(super) fn go_on(
+        &mut self,
+        state: &PassiveState,
+        pressure_kpa: f64,
+    ) -> Result<(), PassiveStateError> {
+        let PassiveState {
+            passes,
+            newton_iterations,
+            ..
+        } = *state;
+        let progress = SearchProgress {
+            trials: self.trials,
+            passes,
+            newton_iterations,
+            pressure_kpa,
+        };
+        let stop = self
+            .watch
+            .as_mut()
+            .is_some_and(|watch| watch(&progress).is_break());
+        // Rank 0 has the watcher and decides for all ranks.
+        let mut word = [f64::from(u8::from(stop))];
+        state.dynamics.comm.broadcast(&mut word);
+        if word[0] == 0.0 {
+            Ok(())
+        } else {
+            Err(PassiveStateError::Stopped)
+        }
     }
 }
 

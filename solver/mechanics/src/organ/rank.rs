@@ -228,7 +228,7 @@ pub(super) struct OrganRank {
     pub settings: StepSettings,
     solver: Solver,
     trial: Option<State>,
-    pub(super) bench: Option<Bench>,
+    bench: Option<Bench>,
     traffic: Arc<Traffic>,
 }
 
@@ -524,6 +524,31 @@ impl OrganRank {
             Values::Force => *force = all,
             _ => self.solver.respond_from(&all),
         }
+    }
+
+    /// Runs a kernel at the committed displacement under a constant active stress, then waits for all ranks. `None` for
+    /// elements without a tangent in single precision. Collective.
+    pub fn run(&mut self, kernel: Kernel) -> Option<()> {
+        let new_bench = || Bench::new(&self.dynamics, &self.now);
+        let mut bench = self.bench.take().map_or_else(new_bench, Some)?;
+        bench.run(kernel, &self.dynamics, &self.now);
+        self.bench = Some(bench);
+        Some(())
+    }
+
+    /// Bytes that one conjugate-gradient iteration moves through memory on all ranks, if caches keep nothing between passes.
+    /// Collective.
+    pub fn krylov_bytes(&self) -> f64 {
+        let per_product = self
+            .bench
+            .as_ref()
+            .map_or(0, |bench| bench.bytes_of_product(self.part.layout.n_local));
+        // Reads and writes of directions, solution, residual and preconditioned residual in the solver's loops, plus inverse
+        // blocks.
+        let per_node = 3 * 8 * (3 + 2 + 6 + 2 + 2) + 9 * 8;
+        let mut bytes = [(per_product + per_node * self.part.layout.n_owned) as f64];
+        self.dynamics.comm.sum(&mut bytes);
+        bytes[0]
     }
 
     /// Collects the figures of all ranks on rank 0.

@@ -1,11 +1,6 @@
 //! The right ventricle, where the mesh has one: passive tissue around a cavity of prescribed pressure.
 
-use cardiotwin_linalg::Pattern;
-use cardiotwin_linalg::parallel::Communicator;
-
-use super::anatomy::Triangles;
-use super::wall::WallError;
-use crate::boundary::{Cavity, SurfaceError, ValvePlane};
+use super::triangles::Triangles;
 
 /// Endocardium of the right ventricle, and the parts of the rim that carry the valves of each ventricle.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,38 +91,6 @@ impl PressureCourse {
             p0
         }
     }
-}
-
-/// A cavity inside an endocardium, with its valves on a ring. Collective.
-pub(super) fn chamber(
-    name: &'static str,
-    (endocardium, openings, ring): (&Triangles, &[Vec<u32>], &Triangles),
-    valve_plane: ValvePlane,
-    (reference, pattern): (&[f64], &Pattern),
-    comm: &dyn Communicator,
-) -> Result<Cavity, WallError> {
-    let openings = openings.to_vec();
-    let hangs = valve_plane == ValvePlane::HangsOnRim;
-    match (endocardium, ring) {
-        (Triangles::Linear(wall), Triangles::Linear(ring)) => Cavity::new(
-            wall,
-            openings,
-            if hangs { ring } else { &[] },
-            reference,
-            pattern,
-            comm,
-        ),
-        (Triangles::Quadratic(wall), Triangles::Quadratic(ring)) => Cavity::new(
-            wall,
-            openings,
-            if hangs { ring } else { &[] },
-            reference,
-            pattern,
-            comm,
-        ),
-        _ => Err(SurfaceError::Nodes { found: 0 }),
-    }
-    .map_err(|source| WallError::Surface { name, source })
 }
 
 #[cfg(test)]

@@ -1,10 +1,8 @@
-//! The search for a passive state: its settings, progress and result.
+//! The search for a passive state: its settings and progress.
 
 use std::ops::ControlFlow;
 
 use super::anatomy::Anatomy;
-use super::passive_state::{PassiveState, PassiveStateError};
-use super::wall::WallParameters;
 use crate::element::kernel::VolumeChange;
 use crate::newton::LinearSolver;
 use crate::step::StepSettings;
@@ -113,7 +111,7 @@ pub type Watch<'a> = dyn FnMut(&SearchProgress) -> ControlFlow<()> + 'a;
 pub struct Search<'a> {
     /// Settings of the search.
     pub settings: UnloadingSettings,
-    watch: Option<&'a mut Watch<'a>>,
+    pub(super) watch: Option<&'a mut Watch<'a>>,
     pub(super) trials: usize,
 }
 
@@ -145,50 +143,4 @@ impl<'a> Search<'a> {
             trials: 0,
         }
     }
-
-    /// Asks the watcher before an equilibrium at `pressure_kpa`; an error ends the search. Collective.
-    pub(super) fn go_on(
-        &mut self,
-        state: &PassiveState,
-        pressure_kpa: f64,
-    ) -> Result<(), PassiveStateError> {
-        let PassiveState {
-            passes,
-            newton_iterations,
-            ..
-        } = *state;
-        let progress = SearchProgress {
-            trials: self.trials,
-            passes,
-            newton_iterations,
-            pressure_kpa,
-        };
-        let stop = self
-            .watch
-            .as_mut()
-            .is_some_and(|watch| watch(&progress).is_break());
-        // Rank 0 has the watcher and decides for all ranks.
-        let mut word = [f64::from(u8::from(stop))];
-        state.dynamics.comm.broadcast(&mut word);
-        if word[0] == 0.0 {
-            Ok(())
-        } else {
-            Err(PassiveStateError::Stopped)
-        }
-    }
-}
-
-/// Derivatives of the logarithms of end-diastolic and unloaded volume (rows) with respect to the logarithms of stiffness and
-/// exponent factor (columns).
-pub type Slope = [[f64; 2]; 2];
-
-/// A passive state with its fitted law.
-#[derive(Debug)]
-pub struct Fitted {
-    /// The state in equilibrium at end-diastole.
-    pub state: PassiveState,
-    /// The wall with the fitted passive law.
-    pub wall: WallParameters,
-    /// Slope at the solution, from which a fit on another mesh of the same heart can start.
-    pub slope: Option<Slope>,
 }

@@ -5,9 +5,9 @@ use cardiotwin_linalg::parallel::{Communicator, Part};
 use cardiotwin_mesh::tet_mesh::surface_names;
 
 use super::anatomy::{Anatomy, Tets, Triangles};
-use super::right_ventricle::{RightPressure, chamber};
+use super::right_ventricle::RightPressure;
 use crate::body::{Body, BodyError, BodyInput};
-use crate::boundary::{Robin, RobinDirection, SurfaceError, ValvePlane};
+use crate::boundary::{Cavity, Robin, RobinDirection, SurfaceError, ValvePlane};
 use crate::dynamics::{Dynamics, GivenCavity, Rayleigh, Support};
 use crate::material::{ActiveLaw, Guccione, Law, NeoHookean, Tissue, Volumetric, VolumetricLaw};
 use crate::time_integration::GeneralisedAlpha;
@@ -548,4 +548,36 @@ fn robin(
         Triangles::Linear(t) => Robin::weighted(t, direction, reference, pattern, share),
         Triangles::Quadratic(t) => Robin::weighted(t, direction, reference, pattern, share),
     }
+}
+
+/// A cavity inside an endocardium, with its valves on a ring. Collective.
+fn chamber(
+    name: &'static str,
+    (endocardium, openings, ring): (&Triangles, &[Vec<u32>], &Triangles),
+    valve_plane: ValvePlane,
+    (reference, pattern): (&[f64], &Pattern),
+    comm: &dyn Communicator,
+) -> Result<Cavity, WallError> {
+    let openings = openings.to_vec();
+    let hangs = valve_plane == ValvePlane::HangsOnRim;
+    match (endocardium, ring) {
+        (Triangles::Linear(wall), Triangles::Linear(ring)) => Cavity::new(
+            wall,
+            openings,
+            if hangs { ring } else { &[] },
+            reference,
+            pattern,
+            comm,
+        ),
+        (Triangles::Quadratic(wall), Triangles::Quadratic(ring)) => Cavity::new(
+            wall,
+            openings,
+            if hangs { ring } else { &[] },
+            reference,
+            pattern,
+            comm,
+        ),
+        _ => Err(SurfaceError::Nodes { found: 0 }),
+    }
+    .map_err(|source| WallError::Surface { name, source })
 }

@@ -2,7 +2,7 @@
 
 use cardiotwin_units::Ml;
 
-use super::{DEGENERATE, EXTENT_MM, POOR_WARNING};
+use super::limits::{DEGENERATE, EXTENT_MM, POOR_WARNING};
 use crate::vec3::Vec3;
 
 /// Number of places that a message lists; machine-readable output lists all of them.

@@ -3,7 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use super::{Defect, Expected, Item, Place, Tangle, at_edge, at_node, at_triangle};
+use super::places::{at_edge, at_node, at_triangle, middle};
+use super::{Defect, Expected, Item, Place, Tangle};
 use crate::cavity::Cavity;
 use crate::surface::{Surface, boundary, edges, sorted};
 use crate::tet_mesh::{TetMesh, surface_names};
@@ -187,7 +188,7 @@ fn endocardium(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) -> 
     };
     let volume = cavity.volume(&mesh.nodes_mm);
     if cavity.openings.is_empty() {
-        let at_mm = super::middle(mesh, &endocardium.nodes());
+        let at_mm = middle(mesh, &endocardium.nodes());
         found.push(Defect::Closed {
             volume,
             places: vec![Place {

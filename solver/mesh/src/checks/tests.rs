@@ -229,7 +229,7 @@ fn open_turned_and_foreign_surfaces_are_told() {
     let endocardium = position(&mesh);
     let gone = mesh.surfaces[endocardium].triangles.remove(3);
     let hole = only(&mesh, &without_volume());
-    let middle = super::middle(&mesh, &gone);
+    let middle = super::places::middle(&mesh, &gone);
     assert!(
         hole.name() == "hole" && norm(sub(hole.places()[0].at_mm, middle)) < 1e-9,
         "{hole}"

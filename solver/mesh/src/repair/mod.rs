@@ -5,6 +5,8 @@
 //! stay with their elements. A surface's triangles follow their nodes; triangles that are no longer
 //! boundary faces are dropped and counted.
 
+mod done;
+mod error;
 mod nodes;
 mod plane;
 mod shape;
@@ -13,13 +15,15 @@ mod surfaces;
 mod tests;
 mod touching;
 
+pub use done::Done;
+pub use error::RepairError;
 pub use plane::Plane;
 pub use surfaces::mark_septum;
 
 use std::collections::BTreeMap;
 
 use crate::checks::pieces;
-use crate::find_surfaces::{FindError, find_surfaces};
+use crate::find_surfaces::find_surfaces;
 use crate::node_fibres::NodeFibres;
 use crate::surface::{Surface, openings};
 use crate::tet_mesh::{TetMesh, surface_names};
@@ -53,65 +57,6 @@ pub struct Repair {
     pub septum: Option<(Vec3, f64)>,
     /// Whether to leave badly shaped elements unchanged.
     pub keep_shapes: bool,
-}
-
-/// Report of a repair.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Done {
-    /// Descriptions of the steps, with their counts.
-    pub steps: Vec<String>,
-}
-
-impl Done {
-    fn count(&mut self, n: usize, one: &str, many: &str) {
-        match n {
-            0 => {}
-            1 => self.steps.push(format!("1 {one}")),
-            n => self.steps.push(format!("{n} {many}")),
-        }
-    }
-}
-
-/// Reasons why a mesh cannot be repaired.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RepairError {
-    /// An element refers to a node that does not exist.
-    #[error(
-        "element {element} names node {node}, but the mesh has {n_nodes} nodes: this cannot be repaired"
-    )]
-    NodeOutOfRange {
-        /// Index of the element.
-        element: usize,
-        /// Number of its node.
-        node: u32,
-        /// Number of nodes in the mesh.
-        n_nodes: usize,
-    },
-    /// No element would remain.
-    #[error("no element is left {after}: check tags and plane")]
-    Nothing {
-        /// Step that removed the last element.
-        after: &'static str,
-    },
-    /// A surface to be renamed does not exist.
-    #[error("unknown surface {name:?}, expected one of {found:?}")]
-    NoSurface {
-        /// Name of the surface to be renamed.
-        name: String,
-        /// Names of the mesh's surfaces.
-        found: Vec<String>,
-    },
-    /// The search for surfaces failed.
-    #[error("cannot find the surfaces of the mesh")]
-    Surfaces(#[from] FindError),
-    /// The septum cannot be marked.
-    #[error("no septum at ({:.1}, {:.1}, {:.1}) mm: {why}", at_mm[0], at_mm[1], at_mm[2])]
-    Septum {
-        /// Point that was given to mark the septum \[mm\].
-        at_mm: Vec3,
-        /// Reason why the septum cannot be marked there.
-        why: &'static str,
-    },
 }
 
 /// Repairs a mesh.

@@ -1,10 +1,11 @@
 //! The 0D cell's parameters, beats and errors.
 
 use super::passive::{LandPassive, LandPassiveParameters};
+use super::system::{LAMBDA, System, Vector};
 use crate::calcium::{Calcium, CalciumError, Rice2008, Rice2008Parameters, SampledCalcium};
 use crate::contraction::{ContractionError, Land2017, Land2017Parameters};
 use crate::roots::RootError;
-use cardiotwin_units::{Kpa, MicroMolar, Ms, Stretch};
+use cardiotwin_units::{Kpa, Ms, Stretch};
 use cardiotwin_vector_math::Number;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -262,35 +263,13 @@ impl Cell0d {
         self.system().equations(ca_um, y)
     }
 
-    pub(crate) fn system(&self) -> super::system::System<'_> {
-        super::system::System {
+    pub(crate) fn system(&self) -> System<'_> {
+        System {
             land: &self.land,
             passive: &self.passive,
             calcium: self.calcium(),
             lambda0: self.lambda0,
         }
-    }
-
-    /// Runs beats until the state returns, and gives the last one. Verified by `every_reference_trajectory`.
-    ///
-    /// # Errors
-    /// [`CellError`], with a finite story for every failure; never a panic or a NaN in the result.
-    pub fn solve_periodic(&self, settings: &CellSolverSettings) -> Result<CellBeat, CellError> {
-        let mut beat = CellBeat::default();
-        self.solve_periodic_into(settings, &mut beat)?;
-        Ok(beat)
-    }
-
-    /// As [`Self::solve_periodic`], into a beat whose buffers are used again: no allocation once they are large enough.
-    ///
-    /// # Errors
-    /// As [`Self::solve_periodic`]; `beat` then holds nothing of use.
-    pub fn solve_periodic_into(
-        &self,
-        settings: &CellSolverSettings,
-        beat: &mut CellBeat,
-    ) -> Result<(), CellError> {
-        super::periodic::solve(self, settings, beat)
     }
 }
 
@@ -300,15 +279,15 @@ impl CellState {
     pub fn active_stress(&self, cell: &Cell0d) -> Kpa {
         cell.land.active_stress(&self.land, Stretch(self.lambda))
     }
+}
 
-    /// The cell at rest at a constant calcium.
-    ///
-    /// # Errors
-    /// [`CellError::Balance`] or [`CellError::Contraction`] when there is no such equilibrium.
-    pub fn at_rest(cell: &Cell0d, ca: MicroMolar) -> Result<Self, CellError> {
-        Ok(super::periodic::to_state(
-            &cell.land,
-            &super::equilibrium::resting_state(&cell.system(), ca.0)?,
-        ))
+/// Public state of an unknown vector.
+pub(super) fn to_state(land: &Land2017, y: &Vector) -> CellState {
+    let lambda = y[LAMBDA];
+    let zeta = land.k.a * lambda;
+    CellState {
+        land: [y[0], y[1], y[2], y[3], y[4] + zeta, y[5] + zeta],
+        c_v: y[6],
+        lambda,
     }
 }

@@ -2,8 +2,9 @@
 //!
 //! Plain Newton and damped fixed points fail for some admissible parameters, so both searches keep a bracket.
 
-use super::CellError;
+use super::cell::to_state;
 use super::system::{LAMBDA, System, Vector};
+use super::{Cell0d, CellError, CellState};
 use crate::roots::increasing_root;
 use cardiotwin_units::{MicroMolar, Stretch};
 
@@ -12,6 +13,16 @@ const LOWEST: f64 = 0.2;
 /// Highest stretch of the balance search relative to λ0.
 const HIGHEST: f64 = 2.0;
 const TOLERANCE: f64 = 1e-13;
+
+impl CellState {
+    /// The cell at rest at a constant calcium.
+    ///
+    /// # Errors
+    /// [`CellError::Balance`] or [`CellError::Contraction`] when there is no such equilibrium.
+    pub fn at_rest(cell: &Cell0d, ca: MicroMolar) -> Result<Self, CellError> {
+        Ok(to_state(&cell.land, &resting_state(&cell.system(), ca.0)?))
+    }
+}
 
 /// The cell at rest: steady at constant calcium `ca_um`, dashpot relaxed.
 pub(crate) fn resting_state(system: &System<'_>, ca_um: f64) -> Result<Vector, CellError> {

@@ -1,10 +1,10 @@
 //! Adaptive beats until the state returns.
 
+use super::cell::to_state;
 use super::equilibrium::{balance_stretch, resting_state};
 use super::rodas::{Linearised, Step, linearise, try_step};
 use super::system::{LAMBDA, N, System, Vector};
-use super::{Cell0d, CellBeat, CellError, CellSolverSettings, CellState};
-use crate::contraction::Land2017;
+use super::{Cell0d, CellBeat, CellError, CellSolverSettings};
 
 /// Absolute scale of each unknown's error, in the order of the unknowns: what the stress notices.
 const ERROR_SCALE: Vector = [0.3, 1.0, 0.03, 0.03, 0.1, 0.1, 0.03, 0.02];
@@ -13,19 +13,32 @@ const FIRST_STEP_MS: f64 = 1.0;
 const LONGEST_STEP_MS: f64 = 100.0;
 const SHORTEST_STEP_MS: f64 = 1e-8;
 
-/// Public state of an unknown vector.
-pub(super) fn to_state(land: &Land2017, y: &Vector) -> CellState {
-    let lambda = y[LAMBDA];
-    let zeta = land.k.a * lambda;
-    CellState {
-        land: [y[0], y[1], y[2], y[3], y[4] + zeta, y[5] + zeta],
-        c_v: y[6],
-        lambda,
+impl Cell0d {
+    /// Runs beats until the state returns, and gives the last one. Verified by `every_reference_trajectory`.
+    ///
+    /// # Errors
+    /// [`CellError`], with a finite story for every failure; never a panic or a NaN in the result.
+    pub fn solve_periodic(&self, settings: &CellSolverSettings) -> Result<CellBeat, CellError> {
+        let mut beat = CellBeat::default();
+        self.solve_periodic_into(settings, &mut beat)?;
+        Ok(beat)
+    }
+
+    /// As [`Self::solve_periodic`], into a beat whose buffers are used again: no allocation once they are large enough.
+    ///
+    /// # Errors
+    /// As [`Self::solve_periodic`]; `beat` then holds nothing of use.
+    pub fn solve_periodic_into(
+        &self,
+        settings: &CellSolverSettings,
+        beat: &mut CellBeat,
+    ) -> Result<(), CellError> {
+        solve(self, settings, beat)
     }
 }
 
 /// Runs beats as [`Cell0d::solve_periodic_into`] describes.
-pub(super) fn solve(
+fn solve(
     cell: &Cell0d,
     settings: &CellSolverSettings,
     beat: &mut CellBeat,

@@ -1,30 +1,12 @@
 //! Assembly of a base model with effects.
 
 use super::declaration::{Action, OneFibreParts};
-use super::{EffectError, EffectSetting, Kind, Measurement};
+use super::{EffectError, EffectSetting, Kind, Measurement, Surroundings};
 use crate::circulation::{Circulation, LeftHeart};
 use crate::ventricle::{
     ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive,
     OneFibreVentricle,
 };
-use cardiotwin_units::Ms;
-
-/// Properties of the model that effects need when they are added.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Surroundings {
-    /// Circulation and cycle length of the base model.
-    pub heart: LeftHeart,
-    /// Time from the start of the beat to the first activation of the wall.
-    pub onset: Ms,
-}
-
-impl Surroundings {
-    /// Cycle length of the base model.
-    #[must_use]
-    pub fn cycle_length(&self) -> Ms {
-        self.heart.cycle_length
-    }
-}
 
 /// A base model: a one-fibre ventricle and a circulation, with exact measurement.
 #[derive(Debug)]

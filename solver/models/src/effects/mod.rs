@@ -15,6 +15,7 @@ mod cross_fibre_stress;
 mod declaration;
 mod delayed_relaxation;
 mod dyssynchrony;
+mod error;
 pub mod measurement;
 mod mitral_regurgitation;
 mod passive_stiffening;
@@ -22,19 +23,22 @@ mod pericardial_constraint;
 mod pressure_offset;
 mod pv_misalignment;
 mod setting;
+mod surroundings;
 mod three_dimensions;
 mod ventricular_septal_defect;
 mod viscoelasticity;
 mod volume_scaling;
 mod wave_reflection;
 
-pub use assembly::{Assembled, BaseModel, Surroundings, add_to_circulation, assemble, measurement};
+pub use assembly::{Assembled, BaseModel, add_to_circulation, assemble, measurement};
 pub use declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
     Signal,
 };
+pub use error::EffectError;
 pub use measurement::{Measurement, MeasurementTerm, PeriodicTraces};
-pub use setting::{EffectError, EffectSetting};
+pub use setting::EffectSetting;
+pub use surroundings::Surroundings;
 pub use three_dimensions::{FibreViscosity, InThreeDimensionsParts, LatePart, in_three_dimensions};
 
 /// Declares [`CATALOGUE`] from the names of the effects' files.

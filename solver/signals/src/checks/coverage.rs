@@ -1,6 +1,6 @@
 //! Do the traces cover the cycle, one and the same, with enough samples?
 
-use super::{Measured, Source};
+use super::measured::{Measured, Source};
 use crate::Problem;
 use crate::read::median_step_ms;
 

@@ -1,6 +1,6 @@
 //! Do pressure, volume and the single numbers of the patient's file belong together?
 
-use super::{Measured, Source, extremes};
+use super::measured::{Measured, Source, extremes};
 use crate::{BeatBiomarkers, Continuation, Problem};
 
 /// End-diastolic pressure may differ from the trace at time zero by so much, mmHg, and more is an error.

@@ -1,6 +1,6 @@
 //! Are the values those of a left ventricle, in the unit that the header names?
 
-use super::{Measured, Source, extremes};
+use super::measured::{Measured, Source, extremes};
 use crate::Problem;
 
 /// Peak pressures of a left ventricle, mmHg.

@@ -1,7 +1,9 @@
 use super::*;
-use crate::Quantity;
+use crate::{Quantity, Trace};
+use cardiotwin_units::{Ml, Mmhg};
 use proptest::prelude::*;
 use std::f64::consts::PI;
+use std::path::Path;
 
 const CYCLE_MS: f64 = 800.0;
 

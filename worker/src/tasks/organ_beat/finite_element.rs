@@ -26,9 +26,10 @@ use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::late_sector::LateSector;
-use super::{
-    Seen, contraction, effects, ending, has_calcium, heart as left_heart, potentials, settings,
-};
+use super::models::{contraction, effects, has_calcium, heart as left_heart, settings};
+use super::potentials;
+use super::result::{Seen, ending};
+use crate::call::Call;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
@@ -40,7 +41,7 @@ use crate::finite_element::shapes::Shapes;
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
 use crate::nodal;
-use crate::team::{Call, Session, Team};
+use crate::team::{Session, Team};
 
 /// Ventricle and circulation at the beginning of the beat.
 pub(super) struct Organ {

@@ -6,7 +6,7 @@ use cardiotwin_schemas::outcome::Estimate;
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
-use super::{EndDiastole, Measurements};
+use super::measurements::{EndDiastole, Measurements};
 use crate::error::TaskError;
 
 /// Ratio of wall volume to end-diastolic volume; 0.7 to 0.8 in a normal left ventricle.

@@ -32,8 +32,10 @@ use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_signals::image::is_before_end_diastole;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg};
 
+use super::measurements::{EndDiastole, Measurements};
+use super::onset::onset_ms;
 use super::own_mesh::{Taken, take};
-use super::{EndDiastole, Measurements, onset_ms, passive_tags};
+use super::passive_tags;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::finite_element::passive::{Workers, found};

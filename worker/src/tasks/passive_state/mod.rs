@@ -4,6 +4,7 @@
 mod corrections;
 pub(crate) mod estimates;
 mod finite_element;
+mod measurements;
 mod onset;
 mod own_mesh;
 mod passive_tags;
@@ -14,43 +15,20 @@ use std::collections::BTreeMap;
 use cardiotwin_models::ventricle::{
     DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode,
 };
-use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ;
 use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Estimate, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
-use cardiotwin_signals::resample::STEP;
-use cardiotwin_signals::{
-    BeatBiomarkers, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample,
-};
-use cardiotwin_units::{Kpa, Ml, Mmhg, Ms};
+use cardiotwin_signals::NoiseWindows;
+use cardiotwin_units::{Kpa, Ml, Mmhg};
 
+use self::measurements::{EndDiastole, Measurements};
+use self::onset::onset_ms;
 use crate::context::Context;
 use crate::error::TaskError;
-use crate::inputs::read_trace;
 use crate::tasks::organ_beat::samples;
-
-/// Measured data, with traces resampled to 1 ms.
-struct Measurements {
-    pressure: Option<Trace>,
-    volume: Option<Trace>,
-    read: BeatBiomarkers,
-    /// Biomarkers of the traces, replaced by directly given values where there are any.
-    biomarkers: Biomarkers,
-    /// Windows over which biomarkers of noisy traces are read.
-    windows: NoiseWindows,
-    /// Change of the end-diastolic pressure by the corrections \[mmHg\].
-    moved_by: Mmhg,
-}
-
-/// Volumes and pressures at end-diastole, in mL and mmHg.
-#[derive(Clone, Copy)]
-struct EndDiastole {
-    volume_ml: f64,
-    pressure_mmhg: f64,
-}
 
 /// Fits the passive state and collects loads and measured biomarkers.
 ///
@@ -217,111 +195,6 @@ fn reduced(
     })
 }
 
-impl Measurements {
-    fn read(spec: &PassiveStateSpec) -> Result<Self, TaskError> {
-        let periodic = Continuation::periodic(Ms(spec.cycle_length_ms));
-        let read = |input: &Option<_>, quantity| -> Result<Option<Trace>, TaskError> {
-            let trace = input
-                .as_ref()
-                .map(|file| read_trace(file, quantity))
-                .transpose()?;
-            trace
-                .map(|trace| resample(&trace, periodic, STEP))
-                .transpose()
-                .map_err(TaskError::from)
-        };
-        let frames = spec
-            .volume
-            .as_ref()
-            .map(|file| read_trace(file, Quantity::Volume))
-            .transpose()?;
-        let mut pressure = read(&spec.pressure, Quantity::Pressure)?;
-        let mut volume = read(&spec.volume, Quantity::Volume)?;
-        let moved_by = corrections::apply(
-            &spec.corrections,
-            spec.cycle_length_ms,
-            &mut pressure,
-            &mut volume,
-        )?;
-        // Biomarkers that are given directly were read by another method.
-        let given = &spec.biomarkers;
-        let of_pressure = [
-            given.p_max_mmhg,
-            given.dpdt_max_mmhg_per_ms,
-            given.dpdt_min_mmhg_per_ms,
-        ];
-        let of_volume = [given.sv_ml, given.tau_vd_ms, given.tau_vr_ms];
-        let ours = |given: &[Option<f64>]| given.iter().all(Option::is_none);
-        let windows = noise_windows::of(
-            pressure.as_ref().filter(|_| ours(&of_pressure)),
-            frames.as_ref().filter(|_| ours(&of_volume)),
-            periodic,
-        );
-        let read = BeatBiomarkers::over(pressure.as_ref(), volume.as_ref(), periodic, windows)?;
-        let biomarkers = read.values.overridden_by(given);
-        Ok(Self {
-            pressure,
-            volume,
-            read,
-            biomarkers,
-            windows,
-            moved_by,
-        })
-    }
-
-    /// The volume trace, smoothed over its noise window if it has one.
-    fn quiet_volume(&self, cycle_length_ms: f64) -> Option<Vec<f64>> {
-        let volume = self.volume.as_ref()?;
-        let periodic = Continuation::periodic(Ms(cycle_length_ms));
-        Some(match self.windows.volume_ms {
-            Some(window) => noise_windows::smoothed(volume, periodic, Ms(window)),
-            None => volume.values().to_vec(),
-        })
-    }
-
-    fn end_diastole(
-        &self,
-        spec: &PassiveStateSpec,
-        estimates: &mut Vec<Estimate>,
-    ) -> Result<EndDiastole, TaskError> {
-        // A directly given pressure comes from the same catheter, so the same correction applies.
-        let stated = spec
-            .end_diastolic_pressure_mmhg
-            .map(|pressure| pressure + self.moved_by.0);
-        let pressure = stated.or(self.biomarkers.edp_mmhg);
-        let pressure_mmhg = pressure.ok_or(TaskError::NotMeasured {
-            what: "end-diastolic pressure",
-            remedy: "give `end_diastolic_pressure_mmHg` in [measured], or a pressure trace",
-        })?;
-        let volume = self.biomarkers.edv_ml.or(spec.end_diastolic_volume_ml);
-        let volume_ml = match (volume, spec.diastasis_volume_ml) {
-            (Some(volume), _) => volume,
-            (None, Some(image)) => {
-                let method =
-                    "volume of the whole-heart image, for lack of a volume at end-diastole"
-                        .to_owned();
-                let key = "measured.end_diastolic_volume_mL".to_owned();
-                estimates.push(Estimate {
-                    key,
-                    value: image,
-                    method,
-                });
-                image
-            }
-            (None, None) => {
-                return Err(TaskError::NotMeasured {
-                    what: "end-diastolic volume",
-                    remedy: "give `end_diastolic_volume_mL` in [measured], a volume trace or [measured.diastasis]",
-                });
-            }
-        };
-        Ok(EndDiastole {
-            volume_ml,
-            pressure_mmhg,
-        })
-    }
-}
-
 /// Remarks about the windows over which noisy traces are read.
 fn noise_remarks(windows: NoiseWindows) -> Vec<String> {
     let said = |trace: &str, window_ms: Option<f64>, what: &str| {
@@ -432,37 +305,6 @@ fn volume_at(law: &OneFibrePassive, pressure: Mmhg) -> Option<f64> {
         }
     }
     Some(0.5 * (lower + upper))
-}
-
-/// First activation \[ms\], from the specification or estimated.
-fn onset_ms(
-    spec: &PassiveStateSpec,
-    measured: &Measurements,
-    spread_ms: f64,
-    estimates: &mut Vec<Estimate>,
-) -> f64 {
-    spec.activation.onset_ms.unwrap_or_else(|| {
-        let found = measured
-            .pressure
-            .as_ref()
-            .and_then(|trace| onset::from_upstroke(trace, spread_ms));
-        let (value, method) = match found {
-            Some(onset) => (
-                onset,
-                "measured pressure upstroke less electromechanical delay and half the spread",
-            ),
-            None => (
-                onset::ONSET_WITHOUT_TRACE_MS,
-                "usual place, for lack of a pressure trace",
-            ),
-        };
-        estimates.push(Estimate {
-            key: "solver.activation.onset_ms".to_owned(),
-            value,
-            method: method.to_owned(),
-        });
-        value
-    })
 }
 
 fn circulation(

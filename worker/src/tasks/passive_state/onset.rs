@@ -14,7 +14,11 @@
 //! largest volume. Durations do not depend on the onset. It determines when the pressure rises and
 //! how much of the cycle is left for filling.
 
+use cardiotwin_schemas::outcome::Estimate;
+use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_signals::Trace;
+
+use super::measurements::Measurements;
 
 /// Electromechanical delay of the Tanh model (Jung 2022, Table A1).
 const T_EMD_MS: f64 = 15.0;
@@ -22,6 +26,37 @@ const T_EMD_MS: f64 = 15.0;
 const LOWER_UPSTROKE: [f64; 2] = [0.05, 0.2];
 /// Onset without a pressure trace: the usual beginning of the QRS complex in gated traces \[ms\].
 pub const ONSET_WITHOUT_TRACE_MS: f64 = 30.0;
+
+/// First activation \[ms\], from the specification or estimated.
+pub(super) fn onset_ms(
+    spec: &PassiveStateSpec,
+    measured: &Measurements,
+    spread_ms: f64,
+    estimates: &mut Vec<Estimate>,
+) -> f64 {
+    spec.activation.onset_ms.unwrap_or_else(|| {
+        let found = measured
+            .pressure
+            .as_ref()
+            .and_then(|trace| from_upstroke(trace, spread_ms));
+        let (value, method) = match found {
+            Some(onset) => (
+                onset,
+                "measured pressure upstroke less electromechanical delay and half the spread",
+            ),
+            None => (
+                ONSET_WITHOUT_TRACE_MS,
+                "usual place, for lack of a pressure trace",
+            ),
+        };
+        estimates.push(Estimate {
+            key: "solver.activation.onset_ms".to_owned(),
+            value,
+            method: method.to_owned(),
+        });
+        value
+    })
+}
 
 /// First activation \[ms\] after the trace's time zero; `None` if the pressure never rises.
 ///

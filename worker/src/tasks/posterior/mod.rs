@@ -10,15 +10,14 @@ mod likelihood;
 mod summary;
 
 use cardiotwin_calibrate::posterior::{Draw, Evaluated, Target, TruncatedNormal, draw, mode};
-use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::outcome::{OrganBeatResult, TaskResult};
 use cardiotwin_schemas::posterior::PosteriorSpec;
-use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::task::OrganBeatSpec;
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 
 use self::likelihood::Likelihood;
+use self::summary::{Sampled, Seen};
 use super::proposal::axes::{Axis, axes, is_sensitive, named, point};
 use super::proposal::one_fibre;
 use crate::context::Context;
@@ -35,13 +34,6 @@ const DRAW_STEPS: usize = 60;
 const SLICE: usize = 8;
 /// Smallest number of draws that makes a distribution.
 const FEWEST: usize = 20;
-
-/// Corrected beat of the one-fibre ventricle.
-#[derive(Debug, Clone, PartialEq)]
-struct Seen {
-    biomarkers: Biomarkers,
-    samples: BeatSamples,
-}
 
 /// Samples the posterior.
 ///
@@ -135,19 +127,6 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         evaluations: (mode.evaluations + draws.iter().map(|draw| draw.evaluations).sum::<usize>())
             as u64,
     }))))
-}
-
-/// Data from which the result of a posterior is made.
-struct Sampled<'a> {
-    spec: &'a PosteriorSpec,
-    axes: &'a [Axis],
-    prior: &'a [TruncatedNormal],
-    draws: &'a [Draw<Seen>],
-    asked_for: u64,
-    /// Residual of data and prior at the mode, divided by the expected sum of squares.
-    left: f64,
-    deviations: cardiotwin_schemas::posterior::Deviations,
-    evaluations: u64,
 }
 
 #[cfg(test)]

@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::posterior::{Draw, TruncatedNormal};
 use cardiotwin_calibrate::statistics::{mean, quantile_of};
-use cardiotwin_schemas::biomarkers::Biomarker;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::outcome::Determination;
-use cardiotwin_schemas::posterior::{Band, ParameterSpread, PosteriorResult, Sampling, Spread};
+use cardiotwin_schemas::posterior::{
+    Band, Deviations, ParameterSpread, PosteriorResult, PosteriorSpec, Sampling, Spread,
+};
+use cardiotwin_schemas::samples::BeatSamples;
 
-use super::{Sampled, Seen};
 use crate::tasks::proposal::axes::Axis;
 
 /// Ratio of the 90 % intervals of posterior and prior, both of the logarithm, up to which a
@@ -16,6 +18,26 @@ use crate::tasks::proposal::axes::Axis;
 const DETERMINED: f64 = 1.0 / 3.0;
 /// Ratio from which on a parameter counts as not determined.
 const NOT_DETERMINED: f64 = 0.8;
+
+/// Corrected beat of the one-fibre ventricle.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Seen {
+    pub(super) biomarkers: Biomarkers,
+    pub(super) samples: BeatSamples,
+}
+
+/// Data from which the result of a posterior is made.
+pub(super) struct Sampled<'a> {
+    pub(super) spec: &'a PosteriorSpec,
+    pub(super) axes: &'a [Axis],
+    pub(super) prior: &'a [TruncatedNormal],
+    pub(super) draws: &'a [Draw<Seen>],
+    pub(super) asked_for: u64,
+    /// Residual of data and prior at the mode, divided by the expected sum of squares.
+    pub(super) left: f64,
+    pub(super) deviations: Deviations,
+    pub(super) evaluations: u64,
+}
 
 /// Makes the result from the draws.
 pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {

@@ -1,9 +1,11 @@
 use std::collections::BTreeMap;
 
+use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::ValveParameters;
 use cardiotwin_schemas::outcome::Determination;
 use cardiotwin_schemas::patient::Noise;
 use cardiotwin_schemas::posterior::{PosteriorResult, PosteriorSettings, TwinBeat};
+use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::step3::Step3Settings;
 
 use super::*;

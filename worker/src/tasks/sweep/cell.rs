@@ -7,7 +7,7 @@ use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::sweep::{CellDesign, SAMPLES_HEADING};
 use rayon::ThreadPool;
 
-use super::Model;
+use super::model::Model;
 use crate::cell_parameters::{NamedCell, position};
 use crate::engine::settings_for;
 use crate::error::TaskError;

@@ -12,6 +12,7 @@
 //! [`ORGAN_SAMPLES_HEADING`](cardiotwin_schemas::sweep::ORGAN_SAMPLES_HEADING) for the organ.
 
 mod cell;
+mod model;
 pub(crate) mod organ;
 
 use cardiotwin_calibrate::Interval;
@@ -20,29 +21,12 @@ use cardiotwin_schemas::outcome::{CellSweepResult, TaskResult};
 #[cfg(doc)]
 use cardiotwin_schemas::sweep::SAMPLES_HEADING;
 use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPoolBuilder;
 
+use self::model::Model;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::sample_log::{self, SampleLog};
-
-/// Model whose parameters are swept.
-trait Model {
-    /// First line of `samples.csv`.
-    const HEADING: &'static str;
-    /// Number of blocks per thread between two checks of the stop flag.
-    const BLOCKS_AT_ONCE: usize;
-
-    /// Instruction set of the arithmetic. Results of different sets agree up to rounding errors.
-    fn arithmetic(&self) -> &'static str;
-
-    /// Lines of the samples, from `status` on.
-    fn lines(
-        &mut self,
-        rows: &[Vec<f64>],
-        pool: Option<&ThreadPool>,
-    ) -> Result<Vec<String>, TaskError>;
-}
 
 /// Computes the chunk.
 ///

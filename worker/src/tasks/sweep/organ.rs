@@ -10,7 +10,7 @@ use cardiotwin_schemas::task::OrganBeatSpec;
 use rayon::ThreadPool;
 use rayon::prelude::*;
 
-use super::Model;
+use super::model::Model;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 use crate::tasks::proposal::one_fibre;

@@ -2,7 +2,7 @@
 
 use cardiotwin_schemas::discover::DiscoverCases;
 
-use super::DiscoverArgs;
+use super::args::DiscoverArgs;
 use super::source::Source;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;

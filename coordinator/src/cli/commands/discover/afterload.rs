@@ -12,7 +12,7 @@ use cardiotwin_schemas::afterload::{
 };
 use cardiotwin_schemas::organ::EffectSpec;
 
-use crate::cli::commands::fit::afterload::parameters;
+use crate::cli::commands::fit::afterload_answer::parameters;
 use crate::cli::commands::fit::record::{self, Measured};
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;

@@ -3,15 +3,14 @@
 
 mod accept;
 mod afterload;
+mod args;
 mod search;
 mod source;
 mod text;
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use cardiotwin_schemas::discover::DiscoverCases;
-use clap::Args;
 
 use crate::cli::commands::report::FILE;
 use crate::cli::error::CliError;
@@ -25,57 +24,7 @@ use crate::report::{discovery_svg, write_discovery};
 use crate::results::discovery::faults;
 use source::Source;
 
-/// Find and name effects that the model lacks in measured traces, and show how they reduce the
-/// misfit
-///
-/// Fits the reduced ventricle to pressure and volume, locates the misfit, tries every effect of the
-/// catalogue, and names an effect only if the data prefer it by more than chance.
-/// docs/missing-effects.md explains the method and its limits.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "The same command continues an interrupted search. Ctrl-C works as in `run`."
-)]
-pub struct DiscoverArgs {
-    /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml)
-    #[arg(value_name = "PATIENT_DIR|COHORT", default_value = ".")]
-    folder: PathBuf,
-    /// Search all patients of the cohort, which is the default for a cohort
-    #[arg(long)]
-    all: bool,
-    /// Search only this patient of the cohort (may be given several times)
-    #[arg(long = "patient", value_name = "PATIENT", conflicts_with = "all")]
-    patients: Vec<String>,
-    /// Write the found effects into the patient's model.toml, which the next `cardiotwin run` uses
-    #[arg(long, conflicts_with = "revert")]
-    accept: bool,
-    /// Undo the last --accept without a search
-    #[arg(long)]
-    revert: bool,
-    /// Names of the candidate effects to try [default: the whole catalogue]
-    #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
-    effects: Vec<String>,
-    /// Seed of the bootstrap
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    seed: u64,
-    /// Number of cores to use; 0 is all
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    jobs: u32,
-    /// Write the findings as JSON to a file, or to stdout if no file is named
-    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
-    /// Search a measured aortic flow and pressure for effects that a three-element Windkessel lacks
-    #[arg(long, value_names = ["FLOW.csv", "PRESSURE.csv"], num_args = 2, conflicts_with_all = ["all", "patients", "run_dir", "worker", "accept", "revert"])]
-    afterload: Option<Vec<PathBuf>>,
-    /// Draw the traces (measured, before and after) of one patient or afterload into an SVG file
-    #[arg(long, value_name = "FILE")]
-    plot: Option<PathBuf>,
-    /// Folder of the searches [default: discover in the searched folder]
-    #[arg(long, value_name = "DIR")]
-    run_dir: Option<PathBuf>,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
-    #[arg(long, value_name = "PATH")]
-    worker: Option<PathBuf>,
-}
+pub use args::DiscoverArgs;
 
 /// Runs the search and prints the findings.
 ///

@@ -9,7 +9,7 @@ use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::ExecutorSettings;
 
-use super::DiscoverArgs;
+use super::args::DiscoverArgs;
 use super::source::{Searched, Source};
 use crate::cli::commands::sweep::drive;
 use crate::cli::error::CliError;

@@ -6,7 +6,7 @@ use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::task::TaskSpec;
 
-use super::DiscoverArgs;
+use super::args::DiscoverArgs;
 use crate::cli::error::CliError;
 use crate::cli::problems;
 use crate::cli::talk::{Talk, count};

@@ -1,80 +1,26 @@
 //! `cardiotwin fit afterload`: fit of the three-element Windkessel to a measured flow and pressure.
 
-use std::path::{Path, PathBuf};
-
 use cardiotwin_calibrate::afterload::{
-    CuffPressures, Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
+    Estimate, Start, WindkesselFit, WindkesselFitSettings, fit_windkessel,
 };
 use cardiotwin_schemas::afterload::{AfterloadFitAnswer, AfterloadQuantity, Determined};
-use cardiotwin_schemas::organ::WindkesselParameters;
-use clap::Args;
-use serde::Serialize;
 
-use super::record::{self, FlowSource, Measured};
+use super::afterload_answer::{Said, estimates, in_a_word, one_line, parameters, say};
+use super::afterload_args::{AfterloadArgs, sources};
+use super::cuff;
+use super::record::{self, Measured};
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::table::{Columns, number, optional};
+use crate::cli::table::number;
 use crate::cli::talk::Talk;
-pub use crate::preparation::afterload_table as table;
+use crate::preparation::afterload_table as table;
 use crate::report::afterload_fit_svg;
-use crate::results::atomic;
 
 /// Misfit over the pulse pressure above which a warning says that the record needs more than three
 /// elements.
 const LARGE_MISFIT: f64 = 0.05;
 /// Correlation of two estimates above which a warning says that they cannot be told apart.
 const STRONG_CORRELATION: f64 = 0.95;
-
-/// Fit the three-element Windkessel (characteristic and peripheral resistance, compliance) to
-/// measured flow and pressure
-#[derive(Debug, Args)]
-#[command(
-    after_help = "FLOW.csv has the columns time_ms and flow_mL_per_s, and PRESSURE.csv time_ms and \
-                  pressure_mmHg, with times from the same instant. They hold one or more beats with \
-                  samples of any spacing; lines that begin with # are comments.\n\
-                  `cardiotwin discover --afterload FLOW.csv PRESSURE.csv` searches for effects that \
-                  three elements lack."
-)]
-pub struct AfterloadArgs {
-    /// FLOW.csv and PRESSURE.csv; only PRESSURE.csv with --volume, only FLOW.csv with --cuff, no
-    /// file with both
-    #[arg(value_name = "TRACE.csv", num_args = 0..=2)]
-    traces: Vec<PathBuf>,
-    /// Take -dV/dt of this volume in ejection as the flow; one cycle in the columns
-    /// time_ms,volume_mL
-    #[arg(long, value_name = "VOLUME.csv")]
-    volume: Option<PathBuf>,
-    /// Length of the volume's cycle in ms [default: until one step after the last sample]
-    #[arg(long, value_name = "MS", requires = "volume")]
-    cycle_length: Option<f64>,
-    /// Fit to cuff pressures in mmHg instead of a measured pressure trace
-    #[arg(
-        long,
-        value_name = "SYSTOLIC/DIASTOLIC[/MEAN]",
-        value_parser = super::cuff::pressures,
-        conflicts_with = "periodic"
-    )]
-    pub(super) cuff: Option<CuffPressures>,
-    /// Standard deviation of the cuff pressures in mmHg [default: 4]
-    #[arg(long, value_name = "MMHG", requires = "cuff")]
-    pub(super) cuff_sd: Option<f64>,
-    /// Start from the periodic steady state of the first cycle instead of fitting the initial
-    /// pressure
-    #[arg(long)]
-    periodic: bool,
-    /// Coverage probability of the intervals
-    #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
-    pub(super) confidence: f64,
-    /// Draw the pressure and the fit into this SVG file
-    #[arg(long, value_name = "FILE")]
-    pub(super) plot: Option<PathBuf>,
-    /// Print lines for patient.toml instead of a table
-    #[arg(long, conflicts_with = "json")]
-    pub(super) toml: bool,
-    /// Print one JSON object instead of a table
-    #[arg(long)]
-    pub(super) json: bool,
-}
 
 /// Fits the Windkessel and prints the answer.
 ///
@@ -88,7 +34,7 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     let (source, pressure) = sources(args)?;
     let Some(pressure) = pressure else {
-        return super::cuff::execute(args, source, talk);
+        return cuff::execute(args, source, talk);
     };
     let measured = record::read_from(source, pressure, talk)?;
     // One cycle of volume carries no information about the time before it.
@@ -118,139 +64,6 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
         text: text(&answer, talk),
     };
     say(args, &answer, &said, plot, talk)
-}
-
-/// Printable answer of a fit, other than its JSON.
-pub(super) struct Said<'a> {
-    /// Lines for patient.toml that set the fitted Windkessel.
-    pub toml: &'a str,
-    /// Warnings, one sentence each; `text` repeats them.
-    pub warnings: &'a [String],
-    /// Tables and sentences for the terminal.
-    pub text: String,
-}
-
-/// Draws the plot if one was requested, and prints JSON, TOML or text as the arguments say.
-pub(super) fn say(
-    args: &AfterloadArgs,
-    answer: &impl Serialize,
-    said: &Said<'_>,
-    plot: impl FnOnce() -> Option<String>,
-    talk: &Talk,
-) -> Result<Exit, CliError> {
-    if let Some(file) = &args.plot {
-        let svg = plot().unwrap_or_default();
-        atomic::write(file, |out| out.write_all(svg.as_bytes()))
-            .map_err(CliError::file("write", file))?;
-    }
-    if args.json {
-        talk.json(answer)?;
-    } else if args.toml {
-        talk.data(said.toml)?;
-    } else {
-        talk.data(&said.text)?;
-        talk.hint("`--toml` prints lines for patient.toml");
-    }
-    if args.json || args.toml {
-        said.warnings
-            .iter()
-            .for_each(|warning| talk.say(&format!("warning: {warning}")));
-    }
-    Ok(Exit::Ok)
-}
-
-/// Table of the estimates. `determined` gives the word for how well an estimate is determined.
-pub(super) fn estimates(
-    estimates: &[AfterloadQuantity],
-    confidence_level: f64,
-    determined: impl Fn(&AfterloadQuantity) -> &'static str,
-    talk: &Talk,
-) -> String {
-    let interval = format!(
-        ">{} % FROM",
-        number(100.0 * confidence_level).trim_end_matches(".00")
-    );
-    let mut table = Columns::new(
-        talk,
-        &[
-            "PARAMETER",
-            ">VALUE",
-            ">STANDARD ERROR",
-            &interval,
-            ">TO",
-            "DETERMINED",
-        ],
-    );
-    for q in estimates {
-        let ends = [q.standard_error, q.lower, q.upper].map(optional);
-        let [error, lower, upper] = &ends;
-        table.row([
-            &q.name,
-            &number(q.value),
-            error,
-            lower,
-            upper,
-            determined(q),
-        ]);
-    }
-    table.text()
-}
-
-/// Word for how well a quantity is determined.
-pub(super) fn in_a_word(determined: Determined) -> &'static str {
-    match determined {
-        Determined::Well => "well",
-        Determined::Poorly => "poorly",
-        Determined::Not => "not",
-    }
-}
-
-/// Sources of flow and pressure. With a cuff there is no pressure file.
-fn sources(args: &AfterloadArgs) -> Result<(FlowSource<'_>, Option<&Path>), CliError> {
-    let usage = |text: &str| Err(CliError::Usage(text.to_owned()));
-    if args
-        .cycle_length
-        .is_some_and(|ms| !(200.0..=3000.0).contains(&ms))
-    {
-        return usage("--cycle-length must lie between 200 and 3000 ms");
-    }
-    if args.cuff_sd.is_some_and(|sd| !(0.1..=50.0).contains(&sd)) {
-        return usage("--cuff-sd must lie between 0.1 and 50 mmHg");
-    }
-    let volume = args
-        .volume
-        .as_deref()
-        .map(|file| FlowSource::Ejected(file, args.cycle_length));
-    match (volume, args.cuff, &args.traces[..]) {
-        (None, None, [flow, pressure]) => Ok((FlowSource::Measured(flow), Some(pressure))),
-        (Some(volume), None, [pressure]) => Ok((volume, Some(pressure))),
-        (None, Some(_), [flow]) => Ok((FlowSource::Measured(flow), None)),
-        (Some(volume), Some(_), []) => Ok((volume, None)),
-        (None, None, _) => usage(
-            "give FLOW.csv and PRESSURE.csv, or --volume instead of FLOW.csv, or --cuff instead of \
-             PRESSURE.csv",
-        ),
-        (Some(_), None, _) => usage("with --volume, give only PRESSURE.csv, or --cuff"),
-        (None, Some(_), _) => usage("with --cuff, give only FLOW.csv, or --volume"),
-        (Some(_), Some(_), _) => usage("--volume and --cuff replace both files: give no file"),
-    }
-}
-
-/// R1, R2 and C (mmHg·s/mL, mmHg·s/mL, mL/mmHg) under their names in files.
-#[must_use]
-pub fn parameters(three: [f64; 3]) -> WindkesselParameters {
-    WindkesselParameters {
-        characteristic_resistance_mmhg_s_per_ml: three[0],
-        peripheral_resistance_mmhg_s_per_ml: three[1],
-        compliance_ml_per_mmhg: three[2],
-    }
-}
-
-/// A file's name as it may stand in a TOML comment: a line feed in it would end the comment.
-pub(super) fn one_line(name: &str) -> String {
-    name.chars()
-        .map(|c| if c.is_control() { '?' } else { c })
-        .collect()
 }
 
 fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> AfterloadFitAnswer {

@@ -5,53 +5,19 @@ use cardiotwin_calibrate::normal;
 use cardiotwin_schemas::afterload::{AfterloadQuantity, CuffFitAnswer, Determined};
 use cardiotwin_signals::Problem;
 
-use super::afterload::{
-    AfterloadArgs, Said, estimates, in_a_word, one_line, parameters, say, table,
-};
+use super::afterload_answer::{Said, estimates, in_a_word, one_line, parameters, say};
+use super::afterload_args::AfterloadArgs;
 use super::record::FlowSource;
 use super::trace;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::table::number;
 use crate::cli::talk::Talk;
+use crate::preparation::afterload_table as table;
 use crate::report::cuff_fit_svg;
 
 /// Half width of an interval over the value, above which a parameter counts as poorly determined.
 const POOR: f64 = 0.3;
-
-/// Cuff pressures, written as `115/70` or `115/70/88` (systolic/diastolic/mean, mmHg).
-///
-/// # Errors
-/// What is wrong with the text, in words.
-pub fn pressures(text: &str) -> Result<CuffPressures, String> {
-    let numbers: Result<Vec<f64>, _> = text
-        .split('/')
-        .map(|part| part.trim().parse::<f64>())
-        .collect();
-    let numbers = numbers.unwrap_or_default();
-    let in_range = numbers.iter().all(|p| (10.0..=350.0).contains(p));
-    match numbers[..] {
-        [systolic_mmhg, diastolic_mmhg, ref mean @ ..] if mean.len() < 2 && in_range => {
-            let mean_mmhg = mean.first().copied();
-            let between =
-                mean_mmhg.is_none_or(|mean| mean > diastolic_mmhg && mean < systolic_mmhg);
-            if systolic_mmhg > diastolic_mmhg && between {
-                return Ok(CuffPressures {
-                    systolic_mmhg,
-                    diastolic_mmhg,
-                    mean_mmhg,
-                    sd_mmhg: None,
-                });
-            }
-            Err(
-                "systolic pressure must exceed diastolic pressure, and the mean must lie \
-                     between them"
-                    .to_owned(),
-            )
-        }
-        _ => Err("write it as 115/70 or 115/70/88, in mmHg".to_owned()),
-    }
-}
 
 /// Fits the Windkessel and prints the answer.
 ///
@@ -182,27 +148,4 @@ fn text(answer: &CuffFitAnswer, talk: &Talk) -> String {
         text.push_str(&format!("warning: {warning}\n"));
     }
     text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pressures_are_read_and_nonsense_is_not() {
-        assert_eq!(pressures("115/70").unwrap().mean_mmhg, None);
-        assert_eq!(pressures("115/70/88").unwrap().mean_mmhg, Some(88.0));
-        for text in [
-            "115",
-            "70/115",
-            "115/70/60",
-            "115/70/80/2",
-            "a/b",
-            "1.15/0.7",
-            "",
-            "115/70/",
-        ] {
-            assert!(pressures(text).is_err(), "{text}");
-        }
-    }
 }

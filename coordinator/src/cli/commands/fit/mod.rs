@@ -1,6 +1,8 @@
 //! `cardiotwin fit`: fits of parameters to measured traces, outside any run.
 
-pub mod afterload;
+mod afterload;
+pub mod afterload_answer;
+mod afterload_args;
 mod calcium;
 mod cohort_toml;
 mod cuff;
@@ -22,7 +24,7 @@ pub struct FitArgs {
 
 #[derive(Debug, Subcommand)]
 enum FitCommand {
-    Afterload(afterload::AfterloadArgs),
+    Afterload(afterload_args::AfterloadArgs),
     Calcium(calcium::CalciumArgs),
 }
 

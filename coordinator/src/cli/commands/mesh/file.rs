@@ -5,33 +5,11 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_mesh::files::{self, LengthUnit, MeshFileError, vtu};
 use cardiotwin_mesh::intake::readable_path;
-use cardiotwin_mesh::repair::RepairError;
 use cardiotwin_mesh::{TetMesh, files::carp, files::medit};
 use clap::{Args, ValueEnum};
 
+use super::error::MeshFileCommandError;
 use crate::cli::error::CliError;
-
-/// Errors of a mesh command in reading, repairing or writing a mesh.
-#[derive(Debug, thiserror::Error)]
-pub enum MeshFileCommandError {
-    /// A mesh file could not be read or written.
-    #[error(transparent)]
-    File(#[from] MeshFileError),
-    /// The output file exists and `--force` was not given.
-    #[error("{path} already exists; name another file with --out, or replace it with --force")]
-    Exists {
-        /// Path of the existing file.
-        path: String,
-    },
-    /// The mesh could not be repaired.
-    #[error("{path} cannot be repaired: {source}")]
-    Repair {
-        /// Path of the mesh's file.
-        path: String,
-        /// Reason given by the repair.
-        source: RepairError,
-    },
-}
 
 /// Units of coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

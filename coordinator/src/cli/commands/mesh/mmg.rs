@@ -4,48 +4,17 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use cardiotwin_mesh::files::{MeshFileError, medit};
+use cardiotwin_mesh::files::medit;
 use cardiotwin_mesh::surface::{Surface, sorted};
 use cardiotwin_mesh::{LengthUnit, TetMesh, transfer};
 
+use super::error::MmgError;
 use crate::cli::error::CliError;
 
 /// Names under which mmg3d is installed.
 const NAMES: [&str; 2] = ["mmg3d_O3", "mmg3d"];
 /// Number of last output lines that an error message repeats.
 const SHOWN: usize = 6;
-
-/// Errors of a call of mmg3d.
-#[derive(Debug, thiserror::Error)]
-pub enum MmgError {
-    /// mmg3d is not installed.
-    #[error(
-        "mmg3d is not in PATH; install it with `pip install mmgpy` or from https://www.mmgtools.org, or name it with --mmg3d"
-    )]
-    Missing,
-    /// The program cannot be started.
-    #[error("cannot start {program}")]
-    Start {
-        /// Path of the program.
-        program: PathBuf,
-        /// Error of the operating system.
-        source: std::io::Error,
-    },
-    /// The program ended with an error or wrote no mesh.
-    #[error("{program} wrote no mesh; its output was:\n{said}")]
-    Failed {
-        /// Path of the program.
-        program: PathBuf,
-        /// Last lines of its output.
-        said: String,
-    },
-    /// A mesh could not be written for mmg3d, or its answer could not be read.
-    #[error("cannot exchange files with mmg3d")]
-    File(#[from] MeshFileError),
-    /// The temporary folder could not be made.
-    #[error("cannot create a temporary folder for mmg3d")]
-    Folder(#[source] std::io::Error),
-}
 
 /// Path of mmg3d: the named one, otherwise the first in PATH.
 ///

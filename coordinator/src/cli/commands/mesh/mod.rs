@@ -1,6 +1,7 @@
 //! `cardiotwin mesh`: check, repair, remeshing and refinement of a patient's own mesh.
 
 mod check;
+mod error;
 mod file;
 mod mmg;
 mod parse;
@@ -15,8 +16,7 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-pub use file::MeshFileCommandError;
-pub use mmg::MmgError;
+pub use error::{MeshFileCommandError, MmgError};
 
 /// Check, repair, remesh or refine a tetrahedral mesh of a left ventricle
 #[derive(Debug, Args)]

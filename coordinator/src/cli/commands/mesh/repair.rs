@@ -9,7 +9,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::check;
-use super::file::{MeshFileCommandError, Source, Target};
+use super::error::MeshFileCommandError;
+use super::file::{Source, Target};
 use super::parse;
 use super::summary::{Figures, Told};
 use crate::cli::error::CliError;

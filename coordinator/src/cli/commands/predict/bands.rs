@@ -8,9 +8,9 @@ use cardiotwin_calibrate::statistics::quantile_of;
 use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::task::OrganBeatSpec;
 
+use super::beat::simulate;
 use super::change::Change;
 use super::indices::{Traces, indices};
-use super::simulate;
 use crate::cli::error::CliError;
 use crate::cli::ventricle::AskedFor;
 

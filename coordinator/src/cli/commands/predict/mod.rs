@@ -1,6 +1,7 @@
 //! `cardiotwin predict`: effect of a treatment on a personalised twin.
 
 mod bands;
+mod beat;
 mod change;
 mod indices;
 mod scenarios;
@@ -9,12 +10,13 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
-use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, TaskResult};
-use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
+use cardiotwin_schemas::outcome::OrganBeatResult;
+use cardiotwin_schemas::task::OrganBeatSpec;
 use clap::Args;
 use serde::Serialize;
 
 use self::bands::Bands;
+use self::beat::simulate;
 use self::change::{Change, Changed};
 use self::indices::{Traces, indices};
 use crate::cli::error::CliError;
@@ -22,7 +24,7 @@ use crate::cli::exit::Exit;
 use crate::cli::place::{Folders, OfCohort};
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::Talk;
-use crate::cli::ventricle::{AskedFor, Ventricle, ask_worker, describe, unexpected};
+use crate::cli::ventricle::{AskedFor, Ventricle};
 use crate::engine::{Reader, find_worker};
 use crate::report::prediction::{BeatLines, figure};
 use crate::results::atomic;
@@ -299,35 +301,6 @@ fn predict(
         write(folder, &mut prediction, &traces_before, &traces_after)?;
     }
     Ok(prediction)
-}
-
-/// Simulates a beat. Returns its result and the text of its `traces.csv`.
-fn simulate(
-    beat: &OrganBeatSpec,
-    asked: AskedFor,
-    worker: &Path,
-) -> Result<(OrganBeatResult, String), CliError> {
-    let scratch =
-        tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
-    let task = TaskSpec::OrganBeat(Box::new(beat.clone()));
-    let outcome = ask_worker(worker, &task, scratch.path(), 0.0, asked)?;
-    let traces = outcome
-        .artefacts
-        .iter()
-        .find(|a| a.name == "traces")
-        .map(|a| scratch.path().join(&a.file));
-    match outcome.ending {
-        Ending::Succeeded { result } => match (*result, traces) {
-            (TaskResult::OrganBeat(result), Some(path)) => {
-                let text = std::fs::read_to_string(&path).map_err(CliError::file("read", &path))?;
-                Ok((result, text))
-            }
-            _ => Err(unexpected(worker)),
-        },
-        other => Err(CliError::Simulation {
-            message: describe(&other),
-        }),
-    }
 }
 
 fn side_by_side(

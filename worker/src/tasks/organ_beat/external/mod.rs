@@ -23,7 +23,7 @@ use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::outcome::{Ending, TaskResult};
 use cardiotwin_schemas::task::OrganBeatSpec;
 
-use super::{Seen, organ_beat_result, traces_csv};
+use super::result::{Seen, organ_beat_result, traces_csv};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::files::write_synced;

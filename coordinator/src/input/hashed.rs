@@ -1,0 +1,39 @@
+//! A file of the input with the hash of its content.
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::task::InputFile;
+use cardiotwin_signals::Problem;
+
+use super::report::Report;
+
+/// A file with its hash. A file that cannot be read becomes a problem in `report`.
+pub(super) fn hash(
+    name: &str,
+    path: &Path,
+    patient: &str,
+    report: &mut Report,
+) -> Option<InputFile> {
+    let read = || -> std::io::Result<(PathBuf, Vec<u8>)> {
+        Ok((path.canonicalize()?, std::fs::read(path)?))
+    };
+    match read() {
+        Ok((absolute, bytes)) => Some(InputFile {
+            name: name.to_owned(),
+            path: absolute,
+            sha256: sha256_hex(&bytes),
+        }),
+        Err(error) => {
+            let found = format!("no readable file ({error})");
+            let problem = Problem::error(
+                path,
+                found,
+                "a file",
+                "check its name in patient.toml and its permissions",
+            );
+            report.add(Some(patient), problem);
+            None
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! Numbers for which a key is absent from a file.
+
+/// Number of an absent key that earlier programs took for 1.
+pub(crate) const fn one() -> f64 {
+    1.0
+}
+
+/// Whether a number is omitted from files.
+pub(crate) fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}

@@ -1,0 +1,101 @@
+//! Vectors over the nodes of all ranks.
+
+use super::{Communicator, Layout};
+
+/// Vectors over the nodes of all ranks, with three numbers per node and owned nodes first.
+#[derive(Debug, Clone, Copy)]
+pub struct VectorLayout<'a> {
+    /// Communicator of the ranks.
+    pub comm: &'a dyn Communicator,
+    /// Nodes of this rank.
+    pub layout: &'a Layout,
+}
+
+impl VectorLayout<'_> {
+    /// Length of a vector, including ghosts.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        3 * self.layout.n_local
+    }
+
+    /// Whether this rank holds no nodes.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.layout.n_local == 0
+    }
+
+    /// Length of the owned part of a vector.
+    #[must_use]
+    pub fn n_owned(&self) -> usize {
+        3 * self.layout.n_owned
+    }
+
+    /// Scalar product over all ranks. Collective.
+    #[must_use]
+    pub fn dot(&self, a: &[f64], b: &[f64]) -> f64 {
+        let n = self.n_owned();
+        let mut sum = [dot(&a[..n], &b[..n])];
+        self.comm.sum(&mut sum);
+        sum[0]
+    }
+
+    /// Several scalar products over all ranks in one reduction. Collective.
+    #[must_use]
+    pub fn dots<const N: usize>(&self, pairs: [(&[f64], &[f64]); N]) -> [f64; N] {
+        let n = self.n_owned();
+        let mut sums = pairs.map(|(a, b)| dot(&a[..n], &b[..n]));
+        self.comm.sum(&mut sums);
+        sums
+    }
+
+    /// Euclidean norm over all ranks. Collective.
+    #[must_use]
+    pub fn norm(&self, a: &[f64]) -> f64 {
+        self.dot(a, a).sqrt()
+    }
+
+    /// Updates ghosts with their owners' values. Collective.
+    pub fn update(&self, values: &mut [f64]) {
+        self.comm.update_ghosts(self.layout, 3, values);
+    }
+}
+
+/// Scalar product with eight partial sums, whose fixed order of summation can be vectorised.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a8, a_rest) = a.as_chunks::<8>();
+    let (b8, b_rest) = b.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for (x, y) in a8.iter().zip(b8) {
+        for k in 0..8 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SingleProcess;
+    use super::*;
+
+    #[test]
+    fn products_run_over_owned_nodes_only() {
+        let layout = Layout {
+            n_owned: 3,
+            n_local: 4,
+            neighbours: vec![],
+        };
+        let space = VectorLayout {
+            comm: &SingleProcess,
+            layout: &layout,
+        };
+        let a: Vec<f64> = (0..12).map(f64::from).collect();
+        let want: f64 = (0..9).map(|k| f64::from(k * k)).sum();
+        assert_eq!(space.dot(&a, &a), want);
+        assert_eq!(
+            (space.len(), space.n_owned(), space.is_empty()),
+            (12, 9, false)
+        );
+    }
+}

@@ -1,0 +1,185 @@
+//! Models and solver settings of a beat, made from its specification.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use cardiotwin_models::beat::{BeatSettings, Beats};
+use cardiotwin_models::calcium::{Calcium, Rice2008, Rice2008Parameters, SampledCalcium};
+use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
+use cardiotwin_models::circulation::{LeftHeart, StartPressure};
+use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
+use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
+use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use cardiotwin_schemas::organ::{
+    self, ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, StretchOrigin,
+};
+use cardiotwin_schemas::task::OrganBeatSpec;
+use cardiotwin_units::{Kpa, Ml, Mmhg, MmhgSPerMl, Ms};
+
+use crate::calcium;
+use crate::cell_parameters::NamedCell;
+use crate::error::TaskError;
+
+/// One-fibre ventricle and circulation of a specification with its effects, at the beginning of the
+/// beat.
+///
+/// # Errors
+/// [`TaskError`] when parameters are outside the range of the models, or an effect is unknown or an
+/// artefact of the measurement.
+pub fn reduced(
+    spec: &OrganBeatSpec,
+    passive: &organ::OneFibrePassive,
+    activation: &ActivationSpec,
+) -> Result<Assembled, TaskError> {
+    let effects = effects(&spec.circulation.effects)?;
+    let base = BaseModel {
+        heart: heart(spec),
+        passive: OneFibrePassive {
+            stiffness: Kpa(passive.stiffness_kpa),
+            exponent: passive.exponent,
+            unloaded_volume: Ml(passive.unloaded_volume_ml),
+            end_diastolic_volume: Ml(passive.end_diastolic_volume_ml),
+            wall_volume: Ml(passive.wall_volume_ml),
+            exponent_fitted: false,
+        },
+        activation: ActivationSpread {
+            onset: Ms(activation.onset_ms),
+            spread: Ms(activation.spread_ms),
+            n_groups: activation.groups as usize,
+        },
+        contraction: contraction(spec)?,
+    };
+    let mut organ = assemble(base, &effects)?;
+    organ
+        .ventricle
+        .limit_iterations(spec.newton_iterations as usize);
+    Ok(organ)
+}
+
+pub(super) fn settings(spec: &OrganBeatSpec) -> BeatSettings {
+    BeatSettings {
+        cycle_length: Ms(spec.cycle_length_ms),
+        beats: match spec.beats {
+            BeatCount::Fixed { n } => Beats::Exactly(n as usize),
+            BeatCount::Periodic { max, tolerance } => Beats::UntilPeriodic {
+                limit: max as usize,
+                volume: Ml(tolerance),
+                pressure: Mmhg(tolerance),
+            },
+        },
+        step: Ms(spec.time_step_ms),
+        diastolic_step: Ms(spec
+            .finite_element
+            .map_or(0.0, |equations| equations.diastolic_step_ms)),
+        shortest_step: Ms(spec.shortest_step_ms),
+        record_nodes: true,
+    }
+}
+
+pub(super) fn heart(spec: &OrganBeatSpec) -> LeftHeart {
+    LeftHeart {
+        left_atrial_pressure: Mmhg(spec.circulation.left_atrial_pressure_mmhg),
+        mitral_forward: MmhgSPerMl(spec.valves.r_mv_f_mmhg_s_per_ml),
+        mitral_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
+        aortic_forward: MmhgSPerMl(spec.valves.r_av_f_mmhg_s_per_ml),
+        aortic_backward: MmhgSPerMl(spec.valves.r_b_mmhg_s_per_ml),
+        windkessel: spec.circulation.afterload,
+        start: StartPressure::DiastolicCuff(Mmhg(
+            spec.circulation.initial_windkessel_pressure_mmhg,
+        )),
+        cycle_length: Ms(spec.cycle_length_ms),
+    }
+}
+
+/// Catalogue entries of the accepted effects. Effects of the measurement are rejected, because a
+/// simulation measures nothing.
+pub(super) fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskError> {
+    let setting = |spec: &EffectSpec| {
+        let setting = EffectSetting::named(&spec.name, &spec.parameters)?;
+        setting.require_physiology()?;
+        Ok(setting)
+    };
+    specs.iter().map(setting).collect()
+}
+
+pub(super) fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, TaskError> {
+    let cycle_length_ms = spec.cycle_length_ms;
+    let contraction = match &spec.contraction {
+        ContractionSpec::Tanh { parameters } => Tanh::new(*parameters)
+            .map(GroupContraction::tanh)
+            .map_err(TaskError::Contraction)?,
+        ContractionSpec::Land2017Rice {
+            parameters,
+            lambda_0,
+        } => land(
+            NamedCell::new(cycle_length_ms, *lambda_0)
+                .with(parameters)?
+                .parameters(),
+        )?,
+        ContractionSpec::Land2017Trace {
+            parameters,
+            lambda_0,
+            calcium,
+        } => {
+            let cell = NamedCell::new(cycle_length_ms, *lambda_0)
+                .with(parameters)?
+                .parameters();
+            let samples = calcium::samples(calcium, cycle_length_ms)?;
+            let sampled =
+                SampledCalcium::new(Ms(calcium::INTERVAL_MS), samples).map_err(CellError::from)?;
+            land(CellParameters {
+                calcium: CalciumInput::Sampled(Arc::new(sampled)),
+                ..cell
+            })?
+        }
+        ContractionSpec::Catalogue { name, parameters } => of_catalogue(name, parameters)?,
+    };
+    Ok(contraction.with_stretch(stretch_reference(spec.cell_stretch)))
+}
+
+/// Whether the contraction model has calcium.
+pub(super) fn has_calcium(spec: &OrganBeatSpec) -> bool {
+    match &spec.contraction {
+        ContractionSpec::Tanh { .. } => false,
+        ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => true,
+        ContractionSpec::Catalogue { name, parameters } => catalogue::find(name)
+            .and_then(|model| model.with(parameters))
+            .is_ok_and(|model| model.needs_calcium()),
+    }
+}
+
+/// A model of the catalogue at rest. A model that needs calcium gets Rice's transient with its
+/// defaults.
+fn of_catalogue(
+    name: &str,
+    parameters: &BTreeMap<String, f64>,
+) -> Result<GroupContraction, TaskError> {
+    let model = catalogue::find(name)
+        .and_then(|model| model.with(parameters))
+        .map_err(TaskError::Contraction)?;
+    let calcium: Option<Arc<dyn Calcium>> = if model.needs_calcium() {
+        let rice = Rice2008::new(Rice2008Parameters::default()).map_err(CellError::Calcium)?;
+        Some(Arc::new(rice))
+    } else {
+        None
+    };
+    let mut rest = vec![0.0; model.n_states()];
+    model.rest(&mut rest);
+    GroupContraction::new(model, calcium, rest).map_err(TaskError::Organ)
+}
+
+fn stretch_reference(stretch: CellStretch) -> StretchReference {
+    match stretch.origin {
+        StretchOrigin::EndDiastole => StretchReference::EndDiastole,
+        StretchOrigin::Unloaded => StretchReference::Unloaded {
+            slack: stretch.slack_stretch,
+        },
+    }
+}
+
+/// Land's model, started from the periodic state of the cell.
+fn land(cell: CellParameters) -> Result<GroupContraction, TaskError> {
+    let cell = cell.build()?;
+    let beat = cell.solve_periodic(&CellSolverSettings::default())?;
+    Ok(GroupContraction::land(&cell, &beat))
+}
