@@ -40,7 +40,7 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "recordings",
-        may: &["units", "signals", "validation"],
+        may: &["vocabulary", "units", "signals", "validation"],
         why: "beats are made of recordings without any model of a heart; validation only in tests and examples",
     },
     Rule {

@@ -4,7 +4,6 @@ mod afterload;
 mod facts;
 mod files;
 mod patient;
-mod settings;
 mod steps;
 
 use cardiotwin_recordings::prepare::{PrepareError, Prepared, Raw, prepare};
@@ -35,9 +34,9 @@ pub fn make(folder: &RawFolder, id: &str) -> Result<Made, PrepareError> {
     let raw = Raw {
         recording: folder.recording.clone(),
         cine: folder.cine.clone(),
-        whole_heart: settings::whole_heart(&folder.file),
+        whole_heart: folder.file.whole_heart,
     };
-    let prepared = prepare(&raw, &settings::of(&folder.file.steps))?;
+    let prepared = prepare(&raw, &folder.file.steps)?;
     let facts = facts::Facts::of(folder, &prepared);
     let load = afterload::fit(folder, &prepared, &facts);
     let mut warnings = steps::warnings(folder, &prepared);

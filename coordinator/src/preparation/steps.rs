@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_recordings::beats::Source;
 use cardiotwin_recordings::drift::Drift;
 use cardiotwin_recordings::prepare::{Prepared, PreparedVolume, counts};
 use cardiotwin_schemas::preparation::{StepDone, StepState};
-use cardiotwin_schemas::raw::{NoiseOf, RawSteps, VolumeAdjustment};
+use cardiotwin_schemas::raw::{BeatSource, NoiseOf, RawSteps, VolumeAdjustment};
 
 use super::afterload::Load;
 use super::facts::Facts;
@@ -29,10 +28,10 @@ pub fn source_in_words(folder: &RawFolder, prepared: &Prepared) -> &'static str 
         prepared.found.source,
         folder.recording.lv_pressure_mmhg.is_some(),
     ) {
-        (Source::RWave, _) => "R wave",
-        (Source::PressureRise, true) => "rise of the ventricle's pressure",
-        (Source::PressureRise, false) => "rise of the aorta's pressure",
-        (Source::Given, _) => "times in prepare.toml",
+        (BeatSource::RWave, _) => "R wave",
+        (BeatSource::PressureRise, true) => "rise of the ventricle's pressure",
+        (BeatSource::PressureRise, false) => "rise of the aorta's pressure",
+        (BeatSource::Given, _) => "times in prepare.toml",
     }
 }
 
@@ -82,7 +81,7 @@ fn step<const N: usize>(
 
 fn beats(folder: &RawFolder, prepared: &Prepared) -> StepDone {
     let found = &prepared.found;
-    let state = if found.source == Source::Given {
+    let state = if found.source == BeatSource::Given {
         StepState::Given
     } else {
         StepState::Done

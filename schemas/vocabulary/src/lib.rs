@@ -17,6 +17,7 @@ pub mod label;
 mod labels;
 pub mod motion;
 pub mod passive_law;
+pub mod preparation;
 pub mod ranges;
 pub mod statistics;
 pub mod step1;

@@ -9,8 +9,9 @@ use std::fmt::Write as _;
 use std::hint::black_box;
 use std::path::Path;
 
+use cardiotwin_recordings::prepare;
 use cardiotwin_recordings::table::{Wanted, parse};
-use cardiotwin_recordings::{Settings, prepare};
+use cardiotwin_vocabulary::preparation::RawSteps;
 use criterion::{Criterion, criterion_group, criterion_main};
 use made::{Wish, make};
 
@@ -36,7 +37,7 @@ fn half_an_hour(c: &mut Criterion) {
     let mut group = c.benchmark_group(format!("prepare {minutes:.1} minutes at 1 kHz"));
     group.sample_size(10);
     group.bench_function("all steps", |b| {
-        b.iter(|| prepare(black_box(&raw), &Settings::default()).unwrap())
+        b.iter(|| prepare(black_box(&raw), &RawSteps::default()).unwrap())
     });
     let text = csv(&raw);
     let wanted: Vec<Wanted> = [

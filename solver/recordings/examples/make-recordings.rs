@@ -9,7 +9,7 @@ mod made;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use cardiotwin_recordings::volume::WholeHeart;
+use cardiotwin_vocabulary::preparation::RawImage;
 use made::{Kind, Wish, make};
 
 fn main() -> std::io::Result<()> {
@@ -72,7 +72,7 @@ fn main() -> std::io::Result<()> {
         let _ = writeln!(text, "{t:.1},{v:.1}");
     }
     std::fs::write(folder.join("cine.csv"), text)?;
-    let WholeHeart {
+    let RawImage {
         time_ms, volume_ml, ..
     } = raw.whole_heart.expect("made");
     println!("[cine]\ncycle_length_ms = {:.1}\n", cine.cycle_length_ms);

@@ -1,6 +1,8 @@
 //! Mean of the accepted beats. Rises are aligned with rises and falls with falls, and diastole is
 //! stretched to a common length, so that the mean is as steep as its beats.
 
+use cardiotwin_vocabulary::preparation::AverageStep;
+
 use crate::beats::Beat;
 use crate::drift::Drift;
 use crate::filter::{median, periodic_slope, periodic_smooth};
@@ -17,31 +19,6 @@ const STEP_MS: f64 = 1.0;
 const ROUNDS: usize = 2;
 /// Half width of the smoothing before slopes of the mean are computed \[ms\].
 const SMOOTH_MS: f64 = 3.0;
-
-/// Settings of the averaging.
-#[derive(Debug, Clone, PartialEq)]
-pub struct AverageSettings {
-    /// Whether to average beats; if not, a single beat is taken.
-    pub enabled: bool,
-    /// Whether to align rises and falls; if not, beats are aligned at their beginnings only.
-    pub align: bool,
-    /// Cycle length of the mean \[ms\]; `None` for the median of the beats.
-    pub cycle_length_ms: Option<f64>,
-    /// Number of the beat to take without averaging, from 1; `None` for the beat nearest to the
-    /// mean.
-    pub beat: Option<usize>,
-}
-
-impl Default for AverageSettings {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            align: true,
-            cycle_length_ms: None,
-            beat: None,
-        }
-    }
-}
 
 /// A mean trace, sample by sample.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -99,7 +76,7 @@ pub fn average(
     beats: &[Beat],
     numbers: &[usize],
     drifts: &Drifts,
-    settings: &AverageSettings,
+    settings: &AverageStep,
 ) -> Average {
     let cycle_length_ms = settings
         .cycle_length_ms
@@ -172,7 +149,7 @@ pub fn average(
     let one = (!settings.enabled).then(|| {
         let by_number = settings
             .beat
-            .and_then(|number| numbers.iter().position(|n| *n == number));
+            .and_then(|number| numbers.iter().position(|n| *n == number as usize));
         let size = |i: usize| residuals[i].iter().map(|r| r * r).sum::<f64>();
         by_number.unwrap_or_else(|| {
             (0..beats.len())
@@ -387,9 +364,9 @@ mod tests {
         };
         let numbers: Vec<usize> = (1..=40).collect();
         let of = |align| {
-            let settings = AverageSettings {
+            let settings = AverageStep {
                 align,
-                ..AverageSettings::default()
+                ..AverageStep::default()
             };
             average(&recording, &beats, &numbers, &Drifts::default(), &settings)
         };
@@ -421,10 +398,10 @@ mod tests {
             "{:?}",
             aligned.landmark_sd_ms
         );
-        let one = AverageSettings {
+        let one = AverageStep {
             enabled: false,
             beat: Some(5),
-            ..AverageSettings::default()
+            ..AverageStep::default()
         };
         let one = average(&recording, &beats, &numbers, &Drifts::default(), &one);
         assert_eq!(one.n_averaged, 1);
@@ -455,7 +432,7 @@ mod tests {
             &beats,
             &[1, 2, 3, 4, 5, 6],
             &Drifts::default(),
-            &AverageSettings::default(),
+            &AverageStep::default(),
         );
         assert_eq!(
             (a.cycle_length_ms, a.lengths_ms, a.leading_pressure().len()),

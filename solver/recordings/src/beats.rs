@@ -1,6 +1,8 @@
 //! Detection of beats. A beat begins at the R wave or, without an electrocardiogram, when the
 //! pressure begins to rise.
 
+use cardiotwin_vocabulary::preparation::{BeatSource, BeatsStep};
+
 use crate::landmarks::{refine, usual_course};
 use crate::recording::Recording;
 use crate::{r_waves, upstrokes};
@@ -16,27 +18,6 @@ const EARLY_MS: f64 = 20.0;
 /// the foot to ejection.
 const RISE_MS: f64 = 70.0;
 
-/// Signal from which the beginnings are taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
-    /// R waves of the electrocardiogram.
-    RWave,
-    /// The rise of the ventricle's pressure, or of the aorta's if only that was recorded.
-    PressureRise,
-    /// Beginnings given in the settings.
-    Given,
-}
-
-/// Settings of the detection.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct BeatSettings {
-    /// Signal to use; `None` for R waves if there is an electrocardiogram, otherwise the pressure
-    /// rise.
-    pub source: Option<Source>,
-    /// Beginnings on the recording's clock \[ms\], for [`Source::Given`].
-    pub onsets_ms: Vec<f64>,
-}
-
 /// A beat, from its beginning to that of the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Beat {
@@ -50,7 +31,7 @@ pub struct Beat {
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundBeats {
     /// Signal that was used.
-    pub source: Source,
+    pub source: BeatSource,
     /// Beats in temporal order, from the first complete one to the last complete one.
     pub beats: Vec<Beat>,
     /// Times of the steepest rises of the leading pressure after the first sample \[ms\].
@@ -79,25 +60,25 @@ pub enum BeatError {
 ///
 /// # Errors
 /// [`BeatError`] if no beat is found. Verified by `beats_begin_where_they_were_made`.
-pub fn find(recording: &Recording, settings: &BeatSettings) -> Result<FoundBeats, BeatError> {
+pub fn find(recording: &Recording, settings: &BeatsStep) -> Result<FoundBeats, BeatError> {
     let slopes = upstrokes::slopes(recording, recording.leading_pressure());
     let rises_ms = upstrokes::find(recording, recording.leading_pressure(), &slopes);
     let source = settings.source.unwrap_or(if recording.ecg_mv.is_some() {
-        Source::RWave
+        BeatSource::RWave
     } else {
-        Source::PressureRise
+        BeatSource::PressureRise
     });
     let onsets = match source {
-        Source::RWave => r_waves::find(
+        BeatSource::RWave => r_waves::find(
             recording,
             recording.ecg_mv.as_deref().ok_or(BeatError::NoEcg)?,
         ),
-        Source::PressureRise => {
+        BeatSource::PressureRise => {
             let rises = refine(recording, recording.leading_pressure(), &rises_ms, RISE_MS);
             let lead = lead_of_the_foot(recording, &rises);
             rises.iter().map(|t| t - lead).collect()
         }
-        Source::Given => settings
+        BeatSource::Given => settings
             .onsets_ms
             .iter()
             .map(|t| t - recording.begin_ms)

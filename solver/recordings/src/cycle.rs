@@ -1,27 +1,10 @@
 //! Adaptation of the cine's cycle to the catheter's. Systole and diastole are scaled separately,
 //! because a faster heart rate shortens mainly diastole.
 
+use cardiotwin_vocabulary::preparation::CycleStep;
+
 /// Accepted factors between the systoles of two examinations.
 const SYSTOLE: std::ops::RangeInclusive<f64> = 0.75..=1.33;
-
-/// Settings of the adaptation.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CycleSettings {
-    /// Whether to scale systole and diastole separately; if not, the whole cycle is scaled by one
-    /// factor.
-    pub enabled: bool,
-    /// Factor of systole; `None` for the ratio of the ejection times.
-    pub systole_factor: Option<f64>,
-}
-
-impl Default for CycleSettings {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            systole_factor: None,
-        }
-    }
-}
 
 /// A map from the cine's times to the catheter's.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +28,7 @@ pub struct Reconciled {
 pub fn reconcile(
     cycle_lengths_ms: [f64; 2],
     ejections_ms: Option<[(f64, f64); 2]>,
-    settings: CycleSettings,
+    settings: CycleStep,
 ) -> Reconciled {
     let [from, to] = cycle_lengths_ms;
     let alike = to / from;
@@ -102,7 +85,7 @@ mod tests {
         let r = reconcile(
             [900.0, 750.0],
             Some([(60.0, 350.0), (50.0, 325.0)]),
-            CycleSettings::default(),
+            CycleStep::default(),
         );
         assert!((r.systole_factor - 275.0 / 290.0).abs() < 1e-12);
         assert!(r.diastole_factor < r.systole_factor);
@@ -119,7 +102,7 @@ mod tests {
         let off = reconcile(
             [900.0, 750.0],
             Some([(60.0, 350.0), (50.0, 325.0)]),
-            CycleSettings {
+            CycleStep {
                 enabled: false,
                 systole_factor: None,
             },
@@ -128,7 +111,7 @@ mod tests {
         let mad = reconcile(
             [900.0, 750.0],
             Some([(60.0, 150.0), (50.0, 325.0)]),
-            CycleSettings::default(),
+            CycleStep::default(),
         );
         assert!(mad.implausible.is_some() && (mad.systole_factor - 750.0 / 900.0).abs() < 1e-12);
     }

@@ -1,5 +1,7 @@
 //! Drift of a catheter's zero, as a line through the diastolic pressures of the accepted beats.
 
+use cardiotwin_vocabulary::preparation::{DriftStep, ZeroAt};
+
 use crate::beats::Beat;
 use crate::filter::{centre_and_spread, median};
 use crate::recording::Recording;
@@ -21,36 +23,6 @@ const BREATH_SHARE: f64 = 0.3;
 /// Share of a beat's samples that lie below its diastolic pressure.
 const DIASTOLE: f64 = 0.2;
 
-/// Time at which the zero is correct.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Reference {
-    /// At the beginning of the recording: the transducer was zeroed before it.
-    #[default]
-    Begin,
-    /// In the middle of the recording.
-    Middle,
-    /// At the end of the recording: the transducer was checked after it.
-    End,
-}
-
-/// Settings of the drift's removal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriftSettings {
-    /// Whether to remove the drift.
-    pub enabled: bool,
-    /// Time at which the zero is correct.
-    pub reference: Reference,
-}
-
-impl Default for DriftSettings {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            reference: Reference::Begin,
-        }
-    }
-}
-
 /// Drift of one pressure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drift {
@@ -71,7 +43,7 @@ pub fn of(
     recording: &Recording,
     pressure_mmhg: &[f64],
     beats: &[Beat],
-    settings: DriftSettings,
+    settings: DriftStep,
 ) -> Option<Drift> {
     if beats.len() < FEWEST_BEATS {
         return None;
@@ -107,10 +79,10 @@ pub fn of(
     let error = sd / width * 2.0_f64.sqrt();
     let over_all = (slope * recording.length_ms()).abs();
     let seen = over_all >= LEAST_MMHG && slope.abs() > LEAST_ERRORS * error;
-    let reference_ms = match settings.reference {
-        Reference::Begin => 0.0,
-        Reference::Middle => 0.5 * recording.length_ms(),
-        Reference::End => recording.length_ms(),
+    let reference_ms = match settings.zero_at {
+        ZeroAt::Begin => 0.0,
+        ZeroAt::Middle => 0.5 * recording.length_ms(),
+        ZeroAt::End => recording.length_ms(),
     };
     Some(Drift {
         mmhg_per_min: slope * 60_000.0,
@@ -256,7 +228,7 @@ mod tests {
             &recording,
             recording.leading_pressure(),
             &beats,
-            DriftSettings::default(),
+            DriftStep::default(),
         )
         .unwrap();
         assert!(
@@ -269,7 +241,7 @@ mod tests {
             &recording,
             recording.leading_pressure(),
             &beats,
-            DriftSettings::default(),
+            DriftStep::default(),
         )
         .unwrap();
         assert!(!drift.removed && drift.at(50_000.0) == 0.0, "{drift:?}");

@@ -28,5 +28,5 @@ pub mod table;
 mod upstrokes;
 pub mod volume;
 
-pub use prepare::{Prepared, Raw, Settings, prepare};
+pub use prepare::{Prepared, Raw, prepare};
 pub use recording::Recording;

@@ -1,18 +1,20 @@
 //! The whole preparation: from recordings to one beat of pressure and volume, with the changes of
 //! each step.
 
-use crate::average::{Average, AverageSettings, Drifts, average};
-use crate::beats::{Beat, BeatError, BeatSettings, FoundBeats, find};
+use cardiotwin_vocabulary::preparation::{RawImage, RawSteps};
+
+use crate::average::{Average, Drifts, average};
+use crate::beats::{Beat, BeatError, FoundBeats, find};
 use crate::cine::Cine;
-use crate::cycle::{CycleSettings, Reconciled, reconcile};
-use crate::drift::{self, DriftSettings};
+use crate::cycle::{Reconciled, reconcile};
+use crate::drift;
 use crate::ejection::{self, Ejection};
 use crate::events::{ValveEvents, of_ventricle};
 use crate::noise::{self, Noise};
 use crate::recording::Recording;
-use crate::reject::{Reason, RejectSettings, judge};
-use crate::synchronise::{Lag, SynchroniseSettings, lag};
-use crate::volume::{Adjust, Adjusted, WholeHeart, adjust};
+use crate::reject::{Reason, judge};
+use crate::synchronise::{Lag, lag};
+use crate::volume::{Adjusted, adjust};
 
 /// Recordings and images as they were read.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,26 +24,7 @@ pub struct Raw {
     /// Cine series of volumes; `None` without one.
     pub cine: Option<Cine>,
     /// Volume in a whole-heart image; `None` without one.
-    pub whole_heart: Option<WholeHeart>,
-}
-
-/// Settings of all steps.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Settings {
-    /// Settings of the detection of beats.
-    pub beats: BeatSettings,
-    /// Settings of the selection of beats.
-    pub reject: RejectSettings,
-    /// Settings of the removal of the drift.
-    pub drift: DriftSettings,
-    /// Settings of the mean beat.
-    pub average: AverageSettings,
-    /// Method by which the volumes are adjusted to the whole-heart image.
-    pub volume: Adjust,
-    /// Settings of the adaptation of the cycle lengths.
-    pub cycle: CycleSettings,
-    /// Settings of the synchronisation of volume with pressure.
-    pub synchronise: SynchroniseSettings,
+    pub whole_heart: Option<RawImage>,
 }
 
 /// The prepared beat, with the results of all steps.
@@ -117,23 +100,23 @@ pub enum PrepareError {
 /// # Errors
 /// [`PrepareError`] if no beat is found or accepted, or if the settings name one that does not
 /// exist. Verified by `tests/known_truth.rs`.
-pub fn prepare(raw: &Raw, settings: &Settings) -> Result<Prepared, PrepareError> {
+pub fn prepare(raw: &Raw, steps: &RawSteps) -> Result<Prepared, PrepareError> {
     let recording = &raw.recording;
-    let found = find(recording, &settings.beats)?;
+    let found = find(recording, &steps.beats)?;
     let n_found = found.beats.len();
-    let named = settings
+    let named = steps
         .reject
         .keep
         .iter()
-        .chain(&settings.reject.leave_out)
-        .chain(&settings.average.beat);
+        .chain(&steps.reject.leave_out)
+        .chain(&steps.average.beat);
     if let Some(number) = named
-        .copied()
+        .map(|number| *number as usize)
         .find(|number| !(1..=n_found).contains(number))
     {
         return Err(PrepareError::NoSuchBeat { number, n_found });
     }
-    let reasons = judge(recording, &found, &settings.reject);
+    let reasons = judge(recording, &found, &steps.reject);
     let numbers: Vec<usize> = (1..=n_found)
         .filter(|number| reasons[number - 1].is_empty())
         .collect();
@@ -148,13 +131,13 @@ pub fn prepare(raw: &Raw, settings: &Settings) -> Result<Prepared, PrepareError>
         });
     }
     let of = |pressure: &Option<Vec<f64>>| {
-        drift::of(recording, pressure.as_deref()?, &kept, settings.drift)
+        drift::of(recording, pressure.as_deref()?, &kept, steps.drift)
     };
     let drifts = Drifts {
         lv_pressure: of(&recording.lv_pressure_mmhg),
         aortic_pressure: of(&recording.aortic_pressure_mmhg),
     };
-    let average = average(recording, &kept, &numbers, &drifts, &settings.average);
+    let average = average(recording, &kept, &numbers, &drifts, &steps.average);
     let noise = noise::of(
         &average.residuals_mmhg,
         average.leading_pressure(),
@@ -168,7 +151,7 @@ pub fn prepare(raw: &Raw, settings: &Settings) -> Result<Prepared, PrepareError>
     let volume = raw
         .cine
         .as_ref()
-        .map(|cine| volume(cine, raw.whole_heart.as_ref(), &average, valves, settings));
+        .map(|cine| volume(cine, raw.whole_heart.as_ref(), &average, valves, steps));
     Ok(Prepared {
         found,
         reasons,
@@ -196,21 +179,21 @@ pub fn counts(reasons: &[Vec<Reason>]) -> String {
 
 fn volume(
     cine: &Cine,
-    image: Option<&WholeHeart>,
+    image: Option<&RawImage>,
     average: &Average,
     valves: Option<ValveEvents>,
-    settings: &Settings,
+    steps: &RawSteps,
 ) -> PreparedVolume {
-    let adjusted = adjust(cine, image, settings.volume);
+    let adjusted = adjust(cine, image, steps.volume);
     let cycle = average.cycle_length_ms;
     let ejection = valves.and_then(|valves| ejection::find(&adjusted.cine, &valves, cycle));
     let of_valves = valves.map(|v| (v.aortic_opening_ms, v.aortic_closure_ms));
     let both = ejection
         .zip(of_valves)
         .map(|(e, v)| [(e.begin_ms, e.end_ms), v]);
-    let reconciled = reconcile([cine.cycle_length_ms, cycle], both, settings.cycle);
+    let reconciled = reconcile([cine.cycle_length_ms, cycle], both, steps.cycle);
     let here = ejection.map(|e| (reconciled.map(e.begin_ms), reconciled.map(e.end_ms)));
-    let lag = lag(here, of_valves, cycle, settings.synchronise);
+    let lag = lag(here, of_valves, cycle, steps.synchronise);
     let sheared = adjusted
         .cine
         .moved(cycle, |t| t * cycle / cine.cycle_length_ms);

@@ -1,6 +1,8 @@
 //! Rejection of beats from the average: damaged beats, premature beats and those affected by them,
 //! and beats of an unusual shape.
 
+use cardiotwin_vocabulary::preparation::RejectStep;
+
 use crate::beats::{Beat, FoundBeats, rises_of};
 use crate::filter::{centre_and_spread, median};
 use crate::recording::{Recording, at};
@@ -111,38 +113,9 @@ impl std::fmt::Display for Reason {
     }
 }
 
-/// Settings of the rejection.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RejectSettings {
-    /// Whether to judge beats. Beats with missing samples, and those that the settings reject, are
-    /// left out in any case.
-    pub enabled: bool,
-    /// Numbers of beats, from 1, that are accepted without judging their signal.
-    pub keep: Vec<usize>,
-    /// Numbers of beats, from 1, that are rejected.
-    pub leave_out: Vec<usize>,
-    /// Intervals on the recording's clock \[ms\] whose beats are rejected.
-    pub leave_out_ms: Vec<[f64; 2]>,
-}
-
-impl Default for RejectSettings {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            keep: Vec::new(),
-            leave_out: Vec::new(),
-            leave_out_ms: Vec::new(),
-        }
-    }
-}
-
 /// Reasons against each beat, the most serious first; empty for an accepted beat.
 #[must_use]
-pub fn judge(
-    recording: &Recording,
-    found: &FoundBeats,
-    settings: &RejectSettings,
-) -> Vec<Vec<Reason>> {
+pub fn judge(recording: &Recording, found: &FoundBeats, settings: &RejectStep) -> Vec<Vec<Reason>> {
     let beats = &found.beats;
     let mut reasons: Vec<Vec<Reason>> = vec![Vec::new(); beats.len()];
     missing(recording, beats, &mut reasons);
@@ -151,7 +124,7 @@ pub fn judge(
         timing(found, &mut reasons);
         shape(recording, beats, &mut reasons);
     }
-    for (idx, (beat, reasons)) in beats.iter().zip(&mut reasons).enumerate() {
+    for (number, (beat, reasons)) in (1..).zip(beats.iter().zip(&mut reasons)) {
         let (from, to) = (
             recording.begin_ms + beat.onset_ms,
             recording.begin_ms + beat.onset_ms + beat.length_ms,
@@ -160,9 +133,9 @@ pub fn judge(
             .leave_out_ms
             .iter()
             .any(|[begin, end]| from < *end && to > *begin);
-        if inside || settings.leave_out.contains(&(idx + 1)) {
+        if inside || settings.leave_out.contains(&number) {
             reasons.insert(0, Reason::ByHand);
-        } else if settings.keep.contains(&(idx + 1)) {
+        } else if settings.keep.contains(&number) {
             // A beat with missing samples cannot be averaged, even if the settings keep it.
             reasons.retain(|reason| matches!(reason, Reason::Missing(_)));
         }
@@ -333,7 +306,8 @@ fn shape(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::beats::{BeatSettings, Source, find};
+    use crate::beats::find;
+    use cardiotwin_vocabulary::preparation::{BeatSource, BeatsStep};
 
     /// Beats of given lengths, with a bell-shaped pressure 250 ms after each beginning.
     fn recording(lengths: &[f64]) -> (Recording, FoundBeats) {
@@ -361,8 +335,8 @@ mod tests {
             lv_pressure_mmhg: Some(pressure),
             ..Recording::default()
         };
-        let settings = BeatSettings {
-            source: Some(Source::Given),
+        let settings = BeatsStep {
+            source: Some(BeatSource::Given),
             onsets_ms: onsets,
         };
         let found = find(&recording, &settings).unwrap();
@@ -372,7 +346,7 @@ mod tests {
     fn kinds(
         recording: &Recording,
         found: &FoundBeats,
-        settings: &RejectSettings,
+        settings: &RejectStep,
     ) -> Vec<Vec<&'static str>> {
         judge(recording, found, settings)
             .iter()
@@ -385,7 +359,7 @@ mod tests {
         let mut lengths = vec![800.0; 20];
         (lengths[9], lengths[10]) = (520.0, 1080.0);
         let (recording, found) = recording(&lengths);
-        let kinds = kinds(&recording, &found, &RejectSettings::default());
+        let kinds = kinds(&recording, &found, &RejectStep::default());
         assert_eq!(kinds[9], ["cut-short"]);
         assert_eq!(kinds[10][0], "ectopic");
         assert_eq!(kinds[11], ["after-ectopic"]);
@@ -399,26 +373,26 @@ mod tests {
         pressure[2300..2310].fill(f64::NAN);
         pressure[4000 + 400..4000 + 500].fill(9.0);
         pressure[6400 + 500] = 60.0;
-        let of = |settings: &RejectSettings| kinds(&recording, &found, settings);
-        let seen = of(&RejectSettings::default());
+        let of = |settings: &RejectStep| kinds(&recording, &found, settings);
+        let seen = of(&RejectStep::default());
         let named: Vec<usize> = (0..20).filter(|i| !seen[*i].is_empty()).collect();
         assert_eq!(named, [2, 5, 8]);
         assert!(
             [2, 5, 8].iter().all(|i| seen[*i][0] == "damaged"),
             "{seen:?}"
         );
-        let by_hand = RejectSettings {
+        let by_hand = RejectStep {
             keep: vec![3, 6],
             leave_out: vec![1],
             leave_out_ms: vec![[15_000.0, 15_010.0]],
-            ..RejectSettings::default()
+            ..RejectStep::default()
         };
         let seen = of(&by_hand);
         let named: Vec<usize> = (0..20).filter(|i| !seen[*i].is_empty()).collect();
         assert_eq!(named, [0, 2, 8, 18], "a beat without samples stays out");
-        let off = RejectSettings {
+        let off = RejectStep {
             enabled: false,
-            ..RejectSettings::default()
+            ..RejectStep::default()
         };
         assert_eq!(of(&off).iter().filter(|k| !k.is_empty()).count(), 1);
     }
@@ -430,7 +404,7 @@ mod tests {
         pressure[8000..8790]
             .iter_mut()
             .for_each(|p| *p = 8.0 + 0.75 * (*p - 8.0));
-        let seen = kinds(&recording, &found, &RejectSettings::default());
+        let seen = kinds(&recording, &found, &RejectStep::default());
         assert_eq!(seen[10], ["unusual-shape"]);
         assert_eq!(seen.iter().filter(|k| !k.is_empty()).count(), 1);
     }

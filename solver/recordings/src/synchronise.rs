@@ -1,23 +1,7 @@
 //! Lag between pressure and volume: ejection starts when the aortic valve opens and ends when it
 //! closes.
 
-/// Settings of the synchronisation.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SynchroniseSettings {
-    /// Whether to remove the lag.
-    pub enabled: bool,
-    /// The lag \[ms\]; `None` to compute it from the events.
-    pub lag_ms: Option<f64>,
-}
-
-impl Default for SynchroniseSettings {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            lag_ms: None,
-        }
-    }
-}
+use cardiotwin_vocabulary::preparation::SynchroniseStep;
 
 /// Lag between pressure and volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,7 +24,7 @@ pub fn lag(
     ejection_ms: Option<(f64, f64)>,
     valve_ms: Option<(f64, f64)>,
     cycle_length_ms: f64,
-    settings: SynchroniseSettings,
+    settings: SynchroniseStep,
 ) -> Lag {
     let near =
         |t: f64| (t + 0.5 * cycle_length_ms).rem_euclid(cycle_length_ms) - 0.5 * cycle_length_ms;
@@ -76,7 +60,7 @@ mod tests {
                 Some(ejection),
                 Some((60.0, 330.0)),
                 800.0,
-                SynchroniseSettings::default(),
+                SynchroniseStep::default(),
             )
         };
         assert_eq!(of((100.0, 366.0)).ms, 38.0);
@@ -84,12 +68,12 @@ mod tests {
             of((-760.0 + 20.0, 320.0 - 800.0)).by_events_ms,
             Some([0.0, -10.0])
         );
-        let given = SynchroniseSettings {
+        let given = SynchroniseStep {
             enabled: true,
             lag_ms: Some(-5.0),
         };
         assert_eq!(lag(None, None, 800.0, given).taken_ms(), -5.0);
-        let off = SynchroniseSettings {
+        let off = SynchroniseStep {
             enabled: false,
             lag_ms: None,
         };
@@ -98,7 +82,7 @@ mod tests {
             0.0
         );
         assert_eq!(
-            lag(None, None, 800.0, SynchroniseSettings::default()).taken_ms(),
+            lag(None, None, 800.0, SynchroniseStep::default()).taken_ms(),
             0.0
         );
     }

@@ -1,33 +1,9 @@
 //! Adjustment of the cine volumes to the volume in the whole-heart image, which shows the cavity
 //! only once but with high resolution.
 
+use cardiotwin_vocabulary::preparation::{RawImage, VolumeAdjustment, VolumeStep};
+
 use crate::cine::Cine;
-
-/// Volume in the whole-heart image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WholeHeart {
-    /// Time of the image on the cine's clock, from the trigger \[ms\].
-    pub time_ms: f64,
-    /// Volume of the cavity in the image \[mL\].
-    pub volume_ml: f64,
-    /// Standard deviation of the volume \[mL\].
-    pub sd_ml: Option<f64>,
-}
-
-/// Methods by which the frames are adjusted to the image.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Adjust {
-    /// By a factor, which corrects a wrong thickness or gap of the slices and preserves the
-    /// ejection fraction.
-    #[default]
-    Scale,
-    /// By a shift, which corrects a missing or surplus basal slice and preserves the stroke volume.
-    Shift,
-    /// By a given factor.
-    By(f64),
-    /// Frames stay as they were measured.
-    Off,
-}
 
 /// Result of the adjustment.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,12 +22,15 @@ pub struct Adjusted {
 /// Adjusts the frames to the image's volume. Without an image they stay unchanged, unless a factor
 /// is given.
 #[must_use]
-pub fn adjust(cine: &Cine, image: Option<&WholeHeart>, how: Adjust) -> Adjusted {
+pub fn adjust(cine: &Cine, image: Option<&RawImage>, settings: VolumeStep) -> Adjusted {
     let before_ml = image.map(|image| cine.near(image.time_ms));
-    let (factor, shift_ml) = match (how, image, before_ml) {
-        (Adjust::By(factor), ..) => (factor, 0.0),
-        (Adjust::Scale, Some(image), Some(before)) => (image.volume_ml / before, 0.0),
-        (Adjust::Shift, Some(image), Some(before)) => (1.0, image.volume_ml - before),
+    let (factor, shift_ml) = match (settings.factor, image, before_ml) {
+        _ if !settings.enabled => (1.0, 0.0),
+        (Some(factor), ..) => (factor, 0.0),
+        (None, Some(image), Some(before)) => match settings.adjust {
+            VolumeAdjustment::Scale => (image.volume_ml / before, 0.0),
+            VolumeAdjustment::Shift => (1.0, image.volume_ml - before),
+        },
         _ => (1.0, 0.0),
     };
     let mut cine = cine.clone();
@@ -78,21 +57,35 @@ mod tests {
             .map(|t| 120.0 + 40.0 * (t / 800.0 * std::f64::consts::TAU).cos())
             .collect();
         let cine = Cine::new(time, volume, Some(800.0)).unwrap();
-        let image = WholeHeart {
+        let image = RawImage {
             time_ms: 640.0,
             volume_ml: 140.0,
             sd_ml: None,
         };
         let fraction =
             |c: &Cine| c.stroke_volume_ml() / c.volume_ml.iter().copied().fold(0.0, f64::max);
-        let scaled = adjust(&cine, Some(&image), Adjust::Scale);
+        let scale = VolumeStep::default();
+        let scaled = adjust(&cine, Some(&image), scale);
         assert!((scaled.cine.near(640.0) - 140.0).abs() < 1e-9 && scaled.factor > 1.0);
         assert!((fraction(&scaled.cine) - fraction(&cine)).abs() < 1e-12);
-        let shifted = adjust(&cine, Some(&image), Adjust::Shift);
+        let shift = VolumeStep {
+            adjust: VolumeAdjustment::Shift,
+            ..scale
+        };
+        let shifted = adjust(&cine, Some(&image), shift);
         assert!((shifted.cine.near(640.0) - 140.0).abs() < 1e-9);
         assert!((shifted.cine.stroke_volume_ml() - cine.stroke_volume_ml()).abs() < 1e-9);
-        assert_eq!(adjust(&cine, Some(&image), Adjust::Off).cine, cine);
-        assert_eq!(adjust(&cine, None, Adjust::By(2.0)).factor, 2.0);
-        assert_eq!(adjust(&cine, None, Adjust::Scale).cine, cine);
+        let off = VolumeStep {
+            enabled: false,
+            factor: Some(2.0),
+            ..scale
+        };
+        assert_eq!(adjust(&cine, Some(&image), off).cine, cine);
+        let given = VolumeStep {
+            factor: Some(2.0),
+            ..scale
+        };
+        assert_eq!(adjust(&cine, None, given).factor, 2.0);
+        assert_eq!(adjust(&cine, None, scale).cine, cine);
     }
 }

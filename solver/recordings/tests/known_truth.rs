@@ -3,13 +3,14 @@
 
 mod made;
 
+use cardiotwin_recordings::Raw;
 use cardiotwin_recordings::prepare::{Prepared, prepare};
-use cardiotwin_recordings::{Raw, Settings};
+use cardiotwin_vocabulary::preparation::RawSteps;
 use made::{Kind, Truth, Wish, make, periodic, through_line, usual_time};
 
 fn run(wish: &Wish) -> (Raw, Truth, Prepared) {
     let (raw, truth) = make(wish);
-    let prepared = prepare(&raw, &Settings::default()).unwrap();
+    let prepared = prepare(&raw, &RawSteps::default()).unwrap();
     (raw, truth, prepared)
 }
 

@@ -2,11 +2,12 @@
 
 use std::path::Path;
 
-use cardiotwin_recordings::beats::{BeatError, Source};
+use cardiotwin_recordings::beats::BeatError;
 use cardiotwin_recordings::prepare::{PrepareError, Prepared, prepare};
 use cardiotwin_recordings::recording::Channels;
 use cardiotwin_recordings::table::{Wanted, parse};
-use cardiotwin_recordings::{Raw, Recording, Settings};
+use cardiotwin_recordings::{Raw, Recording};
+use cardiotwin_vocabulary::preparation::{BeatSource, RawSteps};
 
 fn column(file: &str, name: &str) -> (Vec<f64>, Vec<f64>) {
     let path = Path::new(concat!(
@@ -58,7 +59,7 @@ fn record(pressure: &str, flow: &str) -> Result<Prepared, PrepareError> {
             cine: None,
             whole_heart: None,
         },
-        &Settings::default(),
+        &RawSteps::default(),
     )
 }
 
@@ -73,7 +74,7 @@ fn porcine_aortas_have_their_beats_and_their_mean() {
             )
             .unwrap();
             let (average, found) = (&prepared.average, &prepared.found);
-            assert_eq!(found.source, Source::PressureRise);
+            assert_eq!(found.source, BeatSource::PressureRise);
             let (p, q) = (
                 &average.aortic_pressure.as_ref().unwrap(),
                 &average.flow.as_ref().unwrap().mean,

@@ -9,10 +9,10 @@ use std::sync::Mutex;
 use cardiotwin_recordings::cine::Cine;
 use cardiotwin_recordings::prepare::Raw;
 use cardiotwin_recordings::recording::{Channels, Recording};
-use cardiotwin_recordings::volume::WholeHeart;
 use cardiotwin_validation::circulation::Beat;
 use cardiotwin_validation::patient;
 use cardiotwin_validation::random::Random;
+use cardiotwin_vocabulary::preparation::RawImage;
 
 /// Specification of a recording.
 #[derive(Debug, Clone, Copy)]
@@ -93,7 +93,7 @@ pub fn make(wish: &Wish) -> (Raw, Truth) {
     let channels = record(wish, &truth, &mut random);
     let cine = cine(wish, &truth, &mut random);
     let late = 0.82 * cine.cycle_length_ms;
-    let whole_heart = WholeHeart {
+    let whole_heart = RawImage {
         time_ms: late,
         volume_ml: volume_on_cine_clock(&truth, late),
         sd_ml: Some(4.0),
