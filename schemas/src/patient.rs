@@ -1,5 +1,6 @@
 //! The file `patient.toml`: measured data of a patient. The program never edits it.
 
+pub use cardiotwin_vocabulary::trace_noise::Noise;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -79,24 +80,6 @@ pub struct Measured {
     /// Volume in the whole-heart image and the time at which the image was taken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diastasis: Option<Diastasis>,
-}
-
-/// Noise of averaged traces.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Noise {
-    /// Root mean square of the pressure noise.
-    #[serde(rename = "pressure_rms_mmHg", skip_serializing_if = "Option::is_none")]
-    pub pressure_rms_mmhg: Option<f64>,
-    /// Exponential correlation time of the pressure noise.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pressure_correlation_ms: Option<f64>,
-    /// Root mean square of the volume noise of a frame.
-    #[serde(rename = "volume_rms_mL", skip_serializing_if = "Option::is_none")]
-    pub volume_rms_ml: Option<f64>,
-    /// Number of frames from which the volume trace was interpolated.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub volume_frames: Option<u32>,
 }
 
 /// Aortic pressure that was measured independently of the ventricular catheter.

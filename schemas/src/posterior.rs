@@ -81,18 +81,18 @@ impl TraceNoise {
     /// Stated noise levels, completed by the usual ones.
     #[must_use]
     pub fn of(noise: &Noise) -> Self {
-        let stated = |value: Option<f64>, usual: f64| value.filter(|v| *v > 0.0).unwrap_or(usual);
+        let stated = noise.stated();
         Self {
-            pressure_rms_mmhg: stated(noise.pressure_rms_mmhg, USUAL_NOISE.pressure_rms_mmhg),
-            pressure_correlation_ms: stated(
-                noise.pressure_correlation_ms,
-                USUAL_NOISE.pressure_correlation_ms,
-            ),
-            volume_rms_ml: stated(noise.volume_rms_ml, USUAL_NOISE.volume_rms_ml),
-            volume_frames: stated(
-                noise.volume_frames.map(f64::from),
-                USUAL_NOISE.volume_frames,
-            ),
+            pressure_rms_mmhg: stated
+                .pressure_rms_mmhg
+                .unwrap_or(USUAL_NOISE.pressure_rms_mmhg),
+            pressure_correlation_ms: stated
+                .pressure_correlation_ms
+                .unwrap_or(USUAL_NOISE.pressure_correlation_ms),
+            volume_rms_ml: stated.volume_rms_ml.unwrap_or(USUAL_NOISE.volume_rms_ml),
+            volume_frames: stated
+                .volume_frames
+                .map_or(USUAL_NOISE.volume_frames, f64::from),
         }
     }
 

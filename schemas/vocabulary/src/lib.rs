@@ -23,3 +23,4 @@ pub mod statistics;
 pub mod step1;
 pub mod step1_settings;
 pub mod step2_settings;
+pub mod trace_noise;

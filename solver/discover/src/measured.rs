@@ -1,6 +1,7 @@
 //! Measured data of a patient: traces, statements on their noise, and scalars measured besides
 //! them.
 
+use cardiotwin_vocabulary::trace_noise::Noise;
 use serde::{Deserialize, Serialize};
 
 /// A number with its standard deviation.
@@ -10,18 +11,6 @@ pub struct Uncertain {
     pub value: f64,
     /// Standard deviation, in the value's unit.
     pub sd: f64,
-}
-
-/// Noise levels stated in the patient file. Stated values are themselves uncertain
-/// ([`STATED_NOISE_SD`]).
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct StatedNoise {
-    /// Root mean square of the noise left in the pressure trace \[mmHg\].
-    pub pressure_rms_mmhg: Option<f64>,
-    /// Exponential correlation time of the pressure noise \[ms\].
-    pub pressure_correlation_ms: Option<f64>,
-    /// Root mean square of the noise of a volume frame \[mL\].
-    pub volume_rms_ml: Option<f64>,
 }
 
 /// Standard deviation of the logarithm of a stated noise level or correlation time.
@@ -98,8 +87,9 @@ pub struct Measured {
     pub frame_time_ms: Vec<f64>,
     /// Volume of each frame \[mL\], as segmented. It must not come from an interpolated trace.
     pub frame_volume_ml: Vec<f64>,
-    /// Noise levels that the patient file states.
-    pub noise: StatedNoise,
+    /// Noise levels that the patient file states. They are themselves uncertain
+    /// ([`STATED_NOISE_SD`]).
+    pub noise: Noise,
     /// Scalars measured besides the traces.
     pub side: SideData,
     /// Volume of the ventricle's wall \[mL\].

@@ -493,7 +493,8 @@ pub fn slopes(time: &[f64], value: &[f64], half_width_ms: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measured::{SideData, StatedNoise, Uncertain};
+    use crate::measured::{SideData, Uncertain};
+    use cardiotwin_vocabulary::trace_noise::Noise;
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64;
 
@@ -542,10 +543,11 @@ mod tests {
             pressure_mmhg,
             frame_time_ms: (0..30).map(|i| 30.0 * f64::from(i)).collect(),
             frame_volume_ml,
-            noise: StatedNoise {
+            noise: Noise {
                 pressure_rms_mmhg: Some(stated_rms),
                 pressure_correlation_ms: Some(tau),
                 volume_rms_ml: Some(2.5),
+                ..Noise::default()
             },
             side: SideData::default(),
             wall_volume: Uncertain {

@@ -4,12 +4,13 @@
 use cardiotwin_discover::forward::{Forward, Prediction, Request};
 use cardiotwin_discover::locate::Phases;
 use cardiotwin_discover::measured::{
-    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
+    Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart,
 };
 use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
+use cardiotwin_vocabulary::trace_noise::Noise;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::{PI, TAU};
@@ -34,10 +35,11 @@ fn template() -> Measured {
             .collect(),
         pressure_time_ms,
         frame_time_ms,
-        noise: StatedNoise {
+        noise: Noise {
             pressure_rms_mmhg: Some(1.2),
             pressure_correlation_ms: Some(10.0),
             volume_rms_ml: Some(2.5),
+            ..Noise::default()
         },
         side: SideData {
             cuff: Some(Cuff {

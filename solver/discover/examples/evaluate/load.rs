@@ -1,8 +1,7 @@
 //! Reads cases and labels from files.
 
-use cardiotwin_discover::measured::{
-    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
-};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
+use cardiotwin_vocabulary::trace_noise::Noise;
 use std::collections::BTreeMap;
 use std::path::Path;
 use toml::Value;
@@ -140,10 +139,11 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
         pressure_mmhg,
         frame_time_ms,
         frame_volume_ml,
-        noise: StatedNoise {
+        noise: Noise {
             pressure_rms_mmhg: get(&["measured", "noise", "pressure_rms_mmHg"]),
             pressure_correlation_ms: get(&["measured", "noise", "pressure_correlation_ms"]),
             volume_rms_ml: get(&["measured", "noise", "volume_rms_mL"]),
+            ..Noise::default()
         },
         side: SideData {
             cuff: cuff("systolic_mmHg")

@@ -5,13 +5,12 @@ use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
 use cardiotwin_discover::forward::Forward;
 use cardiotwin_discover::least_squares::Settings;
-use cardiotwin_discover::measured::{
-    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
-};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::{add_term, fit_base};
 use cardiotwin_validation::{Case, Side};
+use cardiotwin_vocabulary::trace_noise::Noise;
 
 /// Misfits of the fits.
 #[derive(Debug, Clone, Copy)]
@@ -60,10 +59,11 @@ pub fn noise_free(case: &Case) -> Measured {
         pressure_mmhg: case.clean_pressure_mmhg.clone(),
         frame_time_ms: case.frame_ms.clone(),
         frame_volume_ml: case.clean_frame_ml.clone(),
-        noise: StatedNoise {
+        noise: Noise {
             pressure_rms_mmhg: Some(case.stated.pressure_rms_mmhg),
             pressure_correlation_ms: Some(case.stated.pressure_correlation_ms),
             volume_rms_ml: Some(case.stated.volume_rms_ml),
+            ..Noise::default()
         },
         side: side(&case.clean_side),
         wall_volume: Uncertain {

@@ -1,9 +1,7 @@
 //! A patient's data in the form that the search takes. Data without a stated uncertainty get a
 //! usual one.
 
-use cardiotwin_discover::measured::{
-    Cuff, GivenLoads, Measured, SideData, StatedNoise, Uncertain, WholeHeart,
-};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_signals::resample::STEP;
@@ -80,11 +78,7 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
         pressure_mmhg: pressure.values().to_vec(),
         frame_time_ms: volume.time_ms().to_vec(),
         frame_volume_ml: volume.values().to_vec(),
-        noise: StatedNoise {
-            pressure_rms_mmhg: stated(spec.noise.pressure_rms_mmhg),
-            pressure_correlation_ms: stated(spec.noise.pressure_correlation_ms),
-            volume_rms_ml: stated(spec.noise.volume_rms_ml),
-        },
+        noise: spec.noise.stated(),
         side: SideData {
             cuff: spec.aortic_pressure.as_ref().map(|cuff| Cuff {
                 systolic: uncertain(cuff.systolic_mmhg, cuff.sd_mmhg, CUFF_SD_MMHG),
@@ -141,11 +135,6 @@ fn given_loads(spec: &DiscoverSpec) -> GivenLoads {
         }),
         compliance: load.and_then(|load| around(load.compliance_ml_per_mmhg, COMPLIANCE_SD)),
     }
-}
-
-/// A stated noise level of zero counts as not stated.
-fn stated(value: Option<f64>) -> Option<f64> {
-    value.filter(|value| *value > 0.0)
 }
 
 /// Removes samples after the end of the cycle, which belong to the next beat or repeat the first
