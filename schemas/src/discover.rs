@@ -12,7 +12,8 @@ use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
 
 pub use cardiotwin_vocabulary::findings::{
     ComparedSignal, Confusable, Dependence, DiscoverSeries, Findings, GapAt, InThreeDimensions,
-    NotIdentifiable, PhaseBegin, Place, RankedEffect, Side, SimulatedCurves, Unexplained,
+    NotIdentifiable, PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves,
+    Unexplained,
 };
 
 /// Input of a search for missing effects.
@@ -115,22 +116,6 @@ pub struct FoundModel {
     pub left_atrial_pressure_mmhg: f64,
     /// Passive law through the volume at which the stretch of the active law is 1.
     pub passive: OneFibrePassive,
-}
-
-/// Settings of a search that affect its answer.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct SearchSettings {
-    /// Names of all candidates that were tried.
-    pub effects: Vec<String>,
-    /// Smallest evidence with which an effect is named.
-    pub least_evidence: f64,
-    /// Probability that an effect is named although nothing is missing.
-    pub false_alarm: f64,
-    /// Number of bootstrap draws.
-    pub n_bootstrap: u32,
-    /// Largest number of effects of one patient.
-    pub max_effects: u32,
 }
 
 /// Result of the search for a patient.

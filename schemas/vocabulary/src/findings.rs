@@ -1,4 +1,5 @@
-//! Findings of the search for missing effects: the ranking, places of disagreement, and the compared traces.
+//! Findings of the search for missing effects: the ranking, places of disagreement, the compared
+//! traces, and the settings of the search.
 
 use std::collections::BTreeMap;
 
@@ -263,4 +264,34 @@ pub struct PhaseBegin {
     pub phase: String,
     /// Beginning of the phase in the cycle.
     pub begin_ms: f64,
+}
+
+/// Settings of a search that affect its answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SearchSettings {
+    /// Names of all candidates that were tried.
+    pub effects: Vec<String>,
+    /// Smallest evidence with which an effect is named.
+    pub least_evidence: f64,
+    /// Probability that an effect is named although nothing is missing.
+    pub false_alarm: f64,
+    /// Number of bootstrap draws.
+    pub n_bootstrap: u32,
+    /// Largest number of effects of one patient.
+    pub max_effects: u32,
+}
+
+impl Default for SearchSettings {
+    /// The whole catalogue, and an evidence of 6 for a name: odds of 20 to 1 (Kass and Raftery
+    /// 1995).
+    fn default() -> Self {
+        Self {
+            effects: Vec::new(),
+            least_evidence: 6.0,
+            false_alarm: 0.04,
+            n_bootstrap: 2000,
+            max_effects: 3,
+        }
+    }
 }

@@ -53,7 +53,7 @@ pub fn discover(
 ) -> Result<Discovery, DiscoverError> {
     measured.validate()?;
     let candidates = forward.candidates();
-    let among = chosen(forward, &settings.effects)?;
+    let among = chosen(forward, &settings.search.effects)?;
     let views = Views::new(measured, &settings.model_discrepancy);
     let data = &views.plain;
     let search = Search {

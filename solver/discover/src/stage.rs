@@ -120,7 +120,7 @@ impl Search<'_> {
         let unnamed = (fits.iter().enumerate())
             .filter_map(|(term, f)| f.as_ref().map(|f| (term, f)))
             .filter(|(term, f)| {
-                gain(f) >= self.settings.least_evidence && !self.plausible(f, *term)
+                gain(f) >= self.settings.search.least_evidence && !self.plausible(f, *term)
             })
             .max_by(|a, b| gain(a.1).total_cmp(&gain(b.1)))
             .map(|(term, f)| (DiscrepancyTerm::Unnamed(term), f.clone()));
@@ -153,7 +153,7 @@ impl Search<'_> {
         let tangents = tangents(&plain, current, &self.among);
         let maxima = null_maxima(
             &tangents,
-            self.settings.n_bootstrap,
+            self.settings.search.n_bootstrap as usize,
             self.settings.seed ^ (index << 32),
         );
         SearchStage {
@@ -271,9 +271,10 @@ impl Search<'_> {
     /// Evidence required for a name.
     #[must_use]
     pub fn threshold(&self, stage: &SearchStage) -> f64 {
-        self.settings
+        let criteria = &self.settings.search;
+        criteria
             .least_evidence
-            .max(quantile(&stage.maxima, 1.0 - self.settings.false_alarm))
+            .max(quantile(&stage.maxima, 1.0 - criteria.false_alarm))
     }
 
     /// Index of a term's first parameter in a fit that contains the term.

@@ -86,7 +86,7 @@ fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsB
         let n_terms = current.plain().structure.terms.len();
         let next = search
             .next(&stage)
-            .filter(|_| n_terms < search.settings.max_effects);
+            .filter(|_| n_terms < search.settings.search.max_effects as usize);
         let next = next.and_then(|term| stage.with[term].clone());
         stages.push(stage);
         let Some(next) = next else { return current };

@@ -3,13 +3,12 @@
 
 use cardiotwin_discover::forward::{Forward, Prediction, Request};
 use cardiotwin_discover::locate::Phases;
-use cardiotwin_discover::measured::{
-    Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart,
-};
+use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
+use cardiotwin_vocabulary::findings::SearchSettings;
 use cardiotwin_vocabulary::trace_noise::Noise;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -138,7 +137,10 @@ fn search(measured: &Measured) -> Discovery {
         "pressure_offset",
     ];
     let settings = Settings {
-        effects: effects.map(str::to_owned).to_vec(),
+        search: SearchSettings {
+            effects: effects.map(str::to_owned).to_vec(),
+            ..SearchSettings::default()
+        },
         ..Settings::default()
     };
     discover(measured, &Reduced::new(measured), &settings).unwrap()
@@ -328,7 +330,10 @@ fn bad_input_is_named() {
         .to_string();
     assert!(message.contains("volume frame is -2"), "{message}");
     let settings = Settings {
-        effects: vec!["kick".to_owned()],
+        search: SearchSettings {
+            effects: vec!["kick".to_owned()],
+            ..SearchSettings::default()
+        },
         ..Settings::default()
     };
     let measured = patient(None, 1);

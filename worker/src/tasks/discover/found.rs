@@ -31,15 +31,11 @@ pub fn result(
         model::beat(reduced, &found, false)?,
         model::beat(reduced, &found, true)?,
     );
-    let names: Vec<String> = if settings.effects.is_empty() {
-        reduced
-            .candidates()
-            .iter()
-            .map(|c| c.name.clone())
-            .collect()
-    } else {
-        settings.effects.clone()
-    };
+    let mut search = settings.search.clone();
+    if search.effects.is_empty() {
+        let tried = reduced.candidates().iter();
+        search.effects = tried.map(|candidate| candidate.name.clone()).collect();
+    }
     let (biomarkers, model) = (
         biomarkers(patient, &before, &after)?,
         model::accepted(reduced, &found)?,
@@ -55,13 +51,7 @@ pub fn result(
         n_evaluations: found.n_evaluations,
         series: found.series,
         seed: settings.seed,
-        settings: files::SearchSettings {
-            effects: names,
-            least_evidence: settings.least_evidence,
-            false_alarm: settings.false_alarm,
-            n_bootstrap: settings.n_bootstrap as u32,
-            max_effects: settings.max_effects as u32,
-        },
+        settings: search,
         data: [&spec.pressure, &spec.volume]
             .map(|f| (f.name.clone(), f.sha256.clone()))
             .into(),

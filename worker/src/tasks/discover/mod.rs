@@ -14,7 +14,7 @@ use cardiotwin_discover::forward::{Candidate, Forward, Prediction, Request};
 use cardiotwin_discover::parameter::Parameter;
 use cardiotwin_discover::{Reduced, Settings, discover};
 use cardiotwin_models::periodic::Orbit;
-use cardiotwin_schemas::discover::DiscoverSpec;
+use cardiotwin_schemas::discover::{DiscoverSpec, SearchSettings};
 use cardiotwin_schemas::outcome::TaskResult;
 
 use crate::context::Context;
@@ -34,7 +34,10 @@ pub fn run(spec: &DiscoverSpec, context: &mut Context) -> Result<TaskResult, Tas
     let measured = measured::read(spec)?;
     let settings = Settings {
         seed: spec.seed,
-        effects: spec.effects.clone(),
+        search: SearchSettings {
+            effects: spec.effects.clone(),
+            ..SearchSettings::default()
+        },
         ..Settings::default()
     };
     let pool = rayon::ThreadPoolBuilder::new()
