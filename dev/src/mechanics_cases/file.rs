@@ -2,6 +2,9 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_mechanics::boundary::RobinDirection;
+use cardiotwin_mechanics::material::Volumetric;
+use cardiotwin_mechanics::prescribed::TimeCourse;
 use cardiotwin_schemas::finite_element::{ElementKind, LinearSolver};
 use cardiotwin_schemas::muscle::ActiveConvention;
 use serde::Deserialize;
@@ -33,7 +36,7 @@ pub struct CaseFile {
     pub pressure: Vec<PressureTable>,
     /// Active stress of contracting tissue.
     #[serde(default)]
-    pub active_stress: Option<CourseTable>,
+    pub active_stress: Option<TimeCourse>,
     /// Cavities whose volume is computed.
     #[serde(default)]
     pub cavity: Vec<CavityTable>,
@@ -147,7 +150,7 @@ pub struct TissueTable {
     /// Passive law with its constants.
     pub passive: PassiveTable,
     /// Volumetric law with its bulk modulus.
-    pub volumetric: VolumetricTable,
+    pub volumetric: Volumetric,
     /// Action of the active stress; `None` for passive tissue.
     #[serde(default)]
     pub active: Option<ActiveTable>,
@@ -200,29 +203,6 @@ pub enum PassiveTable {
         #[serde(rename = "mu_kPa")]
         mu_kpa: f64,
     },
-}
-
-/// Resistance to changes of volume.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct VolumetricTable {
-    /// ln-squared, quadratic or quadratic-ln.
-    pub law: VolumetricName,
-    /// Bulk modulus `κ` \[kPa\].
-    #[serde(rename = "kappa_kPa")]
-    pub kappa_kpa: f64,
-}
-
-/// Names of volumetric laws.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum VolumetricName {
-    /// Energy `κ/2 (ln J)²`.
-    LnSquared,
-    /// Energy `κ/2 (J − 1)²`.
-    Quadratic,
-    /// Energy `κ/4 (J² − 1 − 2 ln J)`.
-    QuadraticLn,
 }
 
 /// Action of the active stress on a tissue.
@@ -299,23 +279,13 @@ pub struct SupportTable {
     /// Surface of the mesh.
     pub surface: String,
     /// Direction in which the springs act: `normal` or `all`.
-    pub direction: DirectionName,
+    pub direction: RobinDirection,
     /// Stiffness of the springs per area \[kPa/mm\].
     #[serde(rename = "spring_kPa_per_mm")]
     pub spring_kpa_per_mm: f64,
     /// Damping of the dashpots per area \[kPa·ms/mm\].
     #[serde(default, rename = "dashpot_kPa_ms_per_mm")]
     pub dashpot_kpa_ms_per_mm: f64,
-}
-
-/// Directions of a support.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DirectionName {
-    /// Along the reference normal.
-    Normal,
-    /// In all three directions of space.
-    All,
 }
 
 /// A surface whose nodes are held at zero displacement.
@@ -335,74 +305,7 @@ pub struct PressureTable {
     /// Surface of the mesh.
     pub surface: String,
     /// Course of the pressure over time.
-    pub course: CourseTable,
-}
-
-/// Course of a pressure or of the active stress over time.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
-pub enum CourseTable {
-    /// A constant value from time zero on.
-    Constant {
-        /// Value from time zero on \[kPa\].
-        #[serde(rename = "value_kPa")]
-        value_kpa: f64,
-    },
-    /// A straight line from zero, then constant.
-    Ramp {
-        /// Value from `until_s` on \[kPa\].
-        #[serde(rename = "value_kPa")]
-        value_kpa: f64,
-        /// Time at which the line ends \[s\].
-        until_s: f64,
-    },
-    /// Straight lines between points.
-    Table {
-        /// Times of the points, ascending \[s\].
-        t_s: Vec<f64>,
-        /// Values at the points \[kPa\].
-        #[serde(rename = "value_kPa")]
-        value_kpa: Vec<f64>,
-    },
-    /// Active stress of Aróstica et al. 2025.
-    Activation {
-        /// Contractility σ₀, which the stress approaches while activated \[kPa\].
-        #[serde(rename = "contractility_kPa")]
-        contractility_kpa: f64,
-        /// Rate at which the stress rises while activated \[1/s\].
-        rise_per_s: f64,
-        /// Rate at which it falls otherwise \[1/s\]; negative.
-        fall_per_s: f64,
-        /// Start of the activation \[s\].
-        on_s: f64,
-        /// End of the activation \[s\].
-        off_s: f64,
-        /// Width γ of the switches \[s\].
-        switch_s: f64,
-    },
-    /// Cavity pressure of Aróstica et al. 2025.
-    ChamberPressure {
-        /// Systolic pressure σ_mid \[kPa\].
-        #[serde(rename = "systolic_kPa")]
-        systolic_kpa: f64,
-        /// Rate σ_pre at which the pressure rises in filling \[kPa/s\].
-        #[serde(rename = "filling_kPa_per_s")]
-        filling_kpa_per_s: f64,
-        /// Rate α_pre, which is added during filling \[1/s\].
-        filling_per_s: f64,
-        /// Rate α_mid, which is added at all times \[1/s\].
-        middle_per_s: f64,
-        /// Rate of the activation while activated \[1/s\].
-        rise_per_s: f64,
-        /// Rate of the activation otherwise \[1/s\]; negative.
-        fall_per_s: f64,
-        /// Start of the activation \[s\].
-        on_s: f64,
-        /// End of the activation \[s\].
-        off_s: f64,
-        /// Width γ of the switches \[s\].
-        switch_s: f64,
-    },
+    pub course: TimeCourse,
 }
 
 /// A cavity whose volume is computed.

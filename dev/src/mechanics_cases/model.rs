@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_mechanics::element::batch::Frame;
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::prescribed::{Course, EllipsoidFibres, Problem, SurfaceSupport};
+use cardiotwin_mechanics::prescribed::{
+    Course, EllipsoidFibres, Problem, SurfaceSupport, TimeCourse,
+};
 use cardiotwin_mesh::fibres::{FibreAngles, Longitudinal, fields, rule};
 use cardiotwin_mesh::files;
 use cardiotwin_mesh::joint::Alone;
@@ -16,7 +18,7 @@ use cardiotwin_mesh::{LengthUnit, TetMesh, laplace};
 use cardiotwin_worker::error::chain;
 
 use super::error::CaseError;
-use super::file::{CaseFile, CourseTable, DepthTable, FibreTable};
+use super::file::{CaseFile, DepthTable, FibreTable};
 use super::names;
 
 /// Positions of mid-edge nodes, by the vertices of their edge.
@@ -76,8 +78,8 @@ impl<'a> Model<'a> {
     pub fn problem(&self, kind: ElementKind) -> Result<Problem<'_>, CaseError> {
         let (file, parsed) = (self.file, self.parsed);
         let end_ms = names::end_ms(&parsed.time);
-        let course = |key: String, table: &CourseTable| {
-            Course::new(names::course(table), end_ms).map_err(|e| {
+        let course = |key: String, table: &TimeCourse| {
+            Course::new(table.clone(), end_ms).map_err(|e| {
                 CaseError::key(
                     file,
                     format!("{key}.{}", e.name),
@@ -105,7 +107,7 @@ impl<'a> Model<'a> {
             }
             supports.push(SurfaceSupport {
                 triangles: triangles(key("surface"), &s.surface)?,
-                direction: names::direction(s.direction),
+                direction: s.direction,
                 spring: s.spring_kpa_per_mm,
                 dashpot: s.dashpot_kpa_ms_per_mm,
             });
@@ -126,10 +128,7 @@ impl<'a> Model<'a> {
             let surface = triangles(format!("pressure[{k}].surface"), &p.surface)?;
             pressures.push((surface, course(format!("pressure[{k}].course"), &p.course)?));
         }
-        let active = parsed
-            .active_stress
-            .clone()
-            .unwrap_or(CourseTable::Constant { value_kpa: 0.0 });
+        let active = parsed.active_stress.clone().unwrap_or(TimeCourse::ZERO);
         let mut cavities = vec![];
         for (k, c) in parsed.cavity.iter().enumerate() {
             let mut all = vec![];

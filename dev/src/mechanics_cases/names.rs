@@ -2,20 +2,16 @@
 
 use std::path::Path;
 
-use cardiotwin_mechanics::boundary::RobinDirection;
 use cardiotwin_mechanics::element::kernel::VolumeChange;
-use cardiotwin_mechanics::material::{Tissue, Volumetric, VolumetricLaw};
+use cardiotwin_mechanics::material::Tissue;
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::prescribed::{Schedule, TimeCourse};
+use cardiotwin_mechanics::prescribed::Schedule;
 
 use cardiotwin_schemas::finite_element::WallSettings;
 use cardiotwin_schemas::muscle::{HolzapfelOgden, MuscleLaw};
 
 use super::error::CaseError;
-use super::file::{
-    Axis, CourseTable, Degree, DirectionName, ElementTable, PassiveTable, TimeTable, TissueTable,
-    VolumeName, VolumetricName,
-};
+use super::file::{Axis, Degree, ElementTable, PassiveTable, TimeTable, TissueTable, VolumeName};
 use cardiotwin_worker::finite_element::wall;
 
 /// Index of the axis.
@@ -68,13 +64,6 @@ pub(super) fn element(file: &Path, table: &ElementTable) -> Result<ElementKind, 
     })
 }
 
-pub(super) fn direction(name: DirectionName) -> RobinDirection {
-    match name {
-        DirectionName::Normal => RobinDirection::Normal,
-        DirectionName::All => RobinDirection::All,
-    }
-}
-
 /// Makes laws and conventions by the functions that make a cohort's.
 pub(super) fn tissue(table: &TissueTable) -> Tissue {
     let wall = WallSettings::default();
@@ -125,66 +114,14 @@ pub(super) fn tissue(table: &TissueTable) -> Tissue {
             ..wall
         },
     };
-    let law = match table.volumetric.law {
-        VolumetricName::LnSquared => VolumetricLaw::LnSquared,
-        VolumetricName::Quadratic => VolumetricLaw::Quadratic,
-        VolumetricName::QuadraticLn => VolumetricLaw::QuadraticLn,
-    };
     Tissue {
         law: wall::muscle(&wall),
-        volumetric: Volumetric {
-            law,
-            kappa_kpa: table.volumetric.kappa_kpa,
-        },
+        volumetric: table.volumetric,
         active: table
             .active
             .as_ref()
             .map(|a| wall::active(a.convention, a.cross_fibre)),
         density: table.density_mg_per_mm3,
-    }
-}
-
-pub(super) fn course(table: &CourseTable) -> TimeCourse {
-    match table.clone() {
-        CourseTable::Constant { value_kpa } => TimeCourse::Constant { value_kpa },
-        CourseTable::Ramp { value_kpa, until_s } => TimeCourse::Ramp { value_kpa, until_s },
-        CourseTable::Table { t_s, value_kpa } => TimeCourse::Table { t_s, value_kpa },
-        CourseTable::Activation {
-            contractility_kpa,
-            rise_per_s,
-            fall_per_s,
-            on_s,
-            off_s,
-            switch_s,
-        } => TimeCourse::Activation {
-            contractility_kpa,
-            rise_per_s,
-            fall_per_s,
-            on_s,
-            off_s,
-            switch_s,
-        },
-        CourseTable::ChamberPressure {
-            systolic_kpa,
-            filling_kpa_per_s,
-            filling_per_s,
-            middle_per_s,
-            rise_per_s,
-            fall_per_s,
-            on_s,
-            off_s,
-            switch_s,
-        } => TimeCourse::ChamberPressure {
-            systolic_kpa,
-            filling_kpa_per_s,
-            filling_per_s,
-            middle_per_s,
-            rise_per_s,
-            fall_per_s,
-            on_s,
-            off_s,
-            switch_s,
-        },
     }
 }
 

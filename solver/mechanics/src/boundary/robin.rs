@@ -2,13 +2,15 @@
 
 use cardiotwin_linalg::Pattern;
 use cardiotwin_linalg::vec3::{cross, norm};
+use serde::Deserialize;
 
 use super::SurfaceError;
 use super::pressure::Faces;
 use crate::linear::Assembled;
 
 /// Displacement components that a support resists.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum RobinDirection {
     /// Along the reference normal, as for the pericardium.
     Normal,

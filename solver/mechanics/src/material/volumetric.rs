@@ -1,10 +1,13 @@
 //! Resistance to a change of volume.
 
+use serde::Deserialize;
+
 use super::MaterialError;
 use crate::number::Real;
 
 /// Form of the volumetric energy `U(J)`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum VolumetricLaw {
     /// `κ/2 (ln J)²`, the paper's form for myocardium.
     LnSquared,
@@ -15,11 +18,13 @@ pub enum VolumetricLaw {
 }
 
 /// Volumetric energy with its modulus.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Volumetric {
     /// Form of the energy.
     pub law: VolumetricLaw,
     /// Bulk modulus `κ` \[kPa\].
+    #[serde(rename = "kappa_kPa")]
     pub kappa_kpa: f64,
 }
 

@@ -1,16 +1,21 @@
 //! Prescribed values over time.
 
+use serde::Deserialize;
+
 /// A value as a function of time.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum TimeCourse {
     /// Zero before time zero, then constant.
     Constant {
         /// Value from time zero on \[kPa\].
+        #[serde(rename = "value_kPa")]
         value_kpa: f64,
     },
     /// Linear from zero to a value, then constant.
     Ramp {
         /// Value at the end of the line \[kPa\].
+        #[serde(rename = "value_kPa")]
         value_kpa: f64,
         /// Time at which the line ends \[s\].
         until_s: f64,
@@ -20,6 +25,7 @@ pub enum TimeCourse {
         /// Times of the points, ascending \[s\].
         t_s: Vec<f64>,
         /// Values at the points \[kPa\].
+        #[serde(rename = "value_kPa")]
         value_kpa: Vec<f64>,
     },
     /// `τ' = −|a| τ + σ₀ max(a, 0)`, `a = rise·f + fall·(1 − f)`, `f = S⁺(t − t_on) S⁻(t − t_off)`, `S±(x) = (1 ±
@@ -28,6 +34,7 @@ pub enum TimeCourse {
     /// Source: active stress of Aróstica et al. 2025, Comput Methods Appl Mech Eng 435:117485.
     Activation {
         /// Contractility σ₀, which the stress approaches while activated \[kPa\].
+        #[serde(rename = "contractility_kPa")]
         contractility_kpa: f64,
         /// Rate at which the stress rises while activated \[1/s\].
         rise_per_s: f64,
@@ -46,8 +53,10 @@ pub enum TimeCourse {
     /// Source: cavity pressure of Aróstica et al. 2025.
     ChamberPressure {
         /// Systolic pressure σ_mid \[kPa\].
+        #[serde(rename = "systolic_kPa")]
         systolic_kpa: f64,
         /// Rate σ_pre at which the pressure rises in filling \[kPa/s\].
+        #[serde(rename = "filling_kPa_per_s")]
         filling_kpa_per_s: f64,
         /// Rate α_pre, which is added during filling \[1/s\].
         filling_per_s: f64,
