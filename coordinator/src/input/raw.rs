@@ -373,14 +373,14 @@ impl Reader<'_> {
         ];
         let mut table = self.table(&path, &bytes, &wanted)?;
         let mut take = |quantity: &str| table.columns.remove(quantity);
+        let time_ms = take("time")?;
         let channels = Channels {
-            time_ms: take("time")?,
             lv_pressure_mmhg: take("lv_pressure"),
             aortic_pressure_mmhg: take("aortic_pressure"),
             flow_ml_per_s: take("flow"),
             ecg_mv: take("ecg"),
         };
-        match Recording::new(channels) {
+        match Recording::new(&time_ms, channels) {
             Ok(recording) => Some(recording),
             Err(error) => {
                 let remedy = match error {

@@ -26,7 +26,7 @@ const EVENTS_APART_MS: f64 = 25.0;
 pub fn source_in_words(folder: &RawFolder, prepared: &Prepared) -> &'static str {
     match (
         prepared.found.source,
-        folder.recording.lv_pressure_mmhg.is_some(),
+        folder.recording.channels.lv_pressure_mmhg.is_some(),
     ) {
         (BeatSource::RWave, _) => "R wave",
         (BeatSource::PressureRise, true) => "rise of the ventricle's pressure",

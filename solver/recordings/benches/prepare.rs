@@ -25,9 +25,9 @@ fn half_an_hour(c: &mut Criterion) {
     let (mut raw, _) = make(&wish);
     let n = (30 * 60 * 1000).min(raw.recording.n_samples());
     let channels = [
-        &mut raw.recording.lv_pressure_mmhg,
-        &mut raw.recording.aortic_pressure_mmhg,
-        &mut raw.recording.ecg_mv,
+        &mut raw.recording.channels.lv_pressure_mmhg,
+        &mut raw.recording.channels.aortic_pressure_mmhg,
+        &mut raw.recording.channels.ecg_mv,
     ];
     channels
         .into_iter()
@@ -71,9 +71,9 @@ fn csv(raw: &cardiotwin_recordings::Raw) -> String {
     let channel = |c: &Option<Vec<f64>>| c.clone().unwrap_or_default();
     let r = &raw.recording;
     let (lv, aorta, ecg) = (
-        channel(&r.lv_pressure_mmhg),
-        channel(&r.aortic_pressure_mmhg),
-        channel(&r.ecg_mv),
+        channel(&r.channels.lv_pressure_mmhg),
+        channel(&r.channels.aortic_pressure_mmhg),
+        channel(&r.channels.ecg_mv),
     );
     let mut text = String::from("time_ms,lv_pressure_mmHg,aortic_pressure_mmHg,ecg_mV\n");
     for i in 0..r.n_samples() {

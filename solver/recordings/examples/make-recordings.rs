@@ -40,10 +40,10 @@ fn main() -> std::io::Result<()> {
     std::fs::create_dir_all(&folder)?;
     let channel = |c: &Option<Vec<f64>>| c.clone().unwrap_or_default();
     let (lv, aorta) = (
-        channel(&recording.lv_pressure_mmhg),
-        channel(&recording.aortic_pressure_mmhg),
+        channel(&recording.channels.lv_pressure_mmhg),
+        channel(&recording.channels.aortic_pressure_mmhg),
     );
-    let ecg = channel(&recording.ecg_mv);
+    let ecg = channel(&recording.channels.ecg_mv);
     let n = recording
         .n_samples()
         .min((minutes * 60_000.0 / recording.step_ms) as usize);

@@ -83,7 +83,7 @@ pub fn average(
         .unwrap_or_else(|| median(beats.iter().map(|beat| beat.length_ms)));
     let step_ms = STEP_MS.max(recording.step_ms);
     let n = ((cycle_length_ms / step_ms - 1e-6).floor() as usize + 1).max(8);
-    let leading_drift = if recording.lv_pressure_mmhg.is_some() {
+    let leading_drift = if recording.channels.lv_pressure_mmhg.is_some() {
         drifts.lv_pressure
     } else {
         drifts.aortic_pressure
@@ -178,9 +178,12 @@ pub fn average(
         rise_ms: frame.rise_ms,
         fall_ms: frame.fall_ms,
         landmark_sd_ms,
-        lv_pressure: of_channel(&recording.lv_pressure_mmhg, drifts.lv_pressure),
-        aortic_pressure: of_channel(&recording.aortic_pressure_mmhg, drifts.aortic_pressure),
-        flow: of_channel(&recording.flow_ml_per_s, None),
+        lv_pressure: of_channel(&recording.channels.lv_pressure_mmhg, drifts.lv_pressure),
+        aortic_pressure: of_channel(
+            &recording.channels.aortic_pressure_mmhg,
+            drifts.aortic_pressure,
+        ),
+        flow: of_channel(&recording.channels.flow_ml_per_s, None),
         residuals_mmhg: residuals,
     }
 }
@@ -335,6 +338,7 @@ fn sd(values: impl Iterator<Item = f64> + Clone) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::Channels;
 
     fn bell(t: f64, rise: f64, fall: f64) -> f64 {
         8.0 + 100.0 / (1.0 + (-(t - rise) / 9.0).exp()) / (1.0 + ((t - fall) / 16.0).exp())
@@ -359,7 +363,10 @@ mod tests {
             .collect();
         let recording = Recording {
             step_ms: 1.0,
-            lv_pressure_mmhg: Some(pressure),
+            channels: Channels {
+                lv_pressure_mmhg: Some(pressure),
+                ..Channels::default()
+            },
             ..Recording::default()
         };
         let numbers: Vec<usize> = (1..=40).collect();
@@ -424,7 +431,10 @@ mod tests {
         pressure.extend(std::iter::repeat_n(8.0, 900));
         let recording = Recording {
             step_ms: 1.0,
-            lv_pressure_mmhg: Some(pressure),
+            channels: Channels {
+                lv_pressure_mmhg: Some(pressure),
+                ..Channels::default()
+            },
             ..Recording::default()
         };
         let a = average(

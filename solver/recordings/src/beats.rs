@@ -63,15 +63,21 @@ pub enum BeatError {
 pub fn find(recording: &Recording, settings: &BeatsStep) -> Result<FoundBeats, BeatError> {
     let slopes = upstrokes::slopes(recording, recording.leading_pressure());
     let rises_ms = upstrokes::find(recording, recording.leading_pressure(), &slopes);
-    let source = settings.source.unwrap_or(if recording.ecg_mv.is_some() {
-        BeatSource::RWave
-    } else {
-        BeatSource::PressureRise
-    });
+    let source = settings
+        .source
+        .unwrap_or(if recording.channels.ecg_mv.is_some() {
+            BeatSource::RWave
+        } else {
+            BeatSource::PressureRise
+        });
     let onsets = match source {
         BeatSource::RWave => r_waves::find(
             recording,
-            recording.ecg_mv.as_deref().ok_or(BeatError::NoEcg)?,
+            recording
+                .channels
+                .ecg_mv
+                .as_deref()
+                .ok_or(BeatError::NoEcg)?,
         ),
         BeatSource::PressureRise => {
             let rises = refine(recording, recording.leading_pressure(), &rises_ms, RISE_MS);

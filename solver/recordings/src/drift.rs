@@ -195,6 +195,7 @@ fn diastolic(recording: &Recording, pressure: &[f64], beat: &Beat) -> Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::Channels;
 
     fn made(slope_per_min: f64) -> (Recording, Vec<Beat>) {
         let n = 60_000;
@@ -209,7 +210,10 @@ mod tests {
             .collect();
         let recording = Recording {
             step_ms: 1.0,
-            lv_pressure_mmhg: Some(pressure),
+            channels: Channels {
+                lv_pressure_mmhg: Some(pressure),
+                ..Channels::default()
+            },
             ..Recording::default()
         };
         let beats = (0..74)

@@ -134,8 +134,8 @@ pub fn prepare(raw: &Raw, steps: &RawSteps) -> Result<Prepared, PrepareError> {
         drift::of(recording, pressure.as_deref()?, &kept, steps.drift)
     };
     let drifts = Drifts {
-        lv_pressure: of(&recording.lv_pressure_mmhg),
-        aortic_pressure: of(&recording.aortic_pressure_mmhg),
+        lv_pressure: of(&recording.channels.lv_pressure_mmhg),
+        aortic_pressure: of(&recording.channels.aortic_pressure_mmhg),
     };
     let average = average(recording, &kept, &numbers, &drifts, &steps.average);
     let noise = noise::of(

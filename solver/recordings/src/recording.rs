@@ -49,28 +49,9 @@ pub enum RecordingError {
     NoPressure,
 }
 
-/// Channels on a common grid; a missing sample is NaN.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Recording {
-    /// Time of the first sample \[ms\].
-    pub begin_ms: f64,
-    /// Distance between samples \[ms\].
-    pub step_ms: f64,
-    /// Pressure of the left ventricle \[mmHg\].
-    pub lv_pressure_mmhg: Option<Vec<f64>>,
-    /// Pressure in the aorta \[mmHg\].
-    pub aortic_pressure_mmhg: Option<Vec<f64>>,
-    /// Flow in the ascending aorta \[mL/s\], positive out of the heart.
-    pub flow_ml_per_s: Option<Vec<f64>>,
-    /// Voltage of the electrocardiogram \[mV\].
-    pub ecg_mv: Option<Vec<f64>>,
-}
-
-/// Channels as they were sampled, in the same order as in [`Recording`].
+/// Channels of a recording, each with a value for every sample time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channels {
-    /// Times of the samples \[ms\], increasing.
-    pub time_ms: Vec<f64>,
     /// Pressure of the left ventricle \[mmHg\]; `None` if it was not recorded.
     pub lv_pressure_mmhg: Option<Vec<f64>>,
     /// Pressure in the aorta \[mmHg\]; `None` if it was not recorded.
@@ -82,26 +63,31 @@ pub struct Channels {
     pub ecg_mv: Option<Vec<f64>>,
 }
 
+/// Channels on a common grid; a missing sample is NaN.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Recording {
+    /// Time of the first sample \[ms\].
+    pub begin_ms: f64,
+    /// Distance between samples \[ms\].
+    pub step_ms: f64,
+    /// Channels on the grid.
+    pub channels: Channels,
+}
+
 impl Recording {
     /// Resamples channels to a grid with their typical step. Samples on the grid stay unchanged,
     /// and others are interpolated linearly. If more than three in a row are lost, they are
     /// missing.
+    /// - `time_ms`: times of the samples \[ms\], increasing
     ///
     /// # Errors
     /// [`RecordingError`] for too few samples, a step out of range, or no pressure.
-    pub fn new(channels: Channels) -> Result<Self, RecordingError> {
-        let Channels {
-            time_ms,
-            lv_pressure_mmhg,
-            aortic_pressure_mmhg,
-            flow_ml_per_s,
-            ecg_mv,
-        } = channels;
+    pub fn new(time_ms: &[f64], channels: Channels) -> Result<Self, RecordingError> {
         let n = time_ms.len();
         if n < FEWEST {
             return Err(RecordingError::TooFew { n_samples: n });
         }
-        if lv_pressure_mmhg.is_none() && aortic_pressure_mmhg.is_none() {
+        if channels.lv_pressure_mmhg.is_none() && channels.aortic_pressure_mmhg.is_none() {
             return Err(RecordingError::NoPressure);
         }
         let (first_ms, last_ms) = (time_ms[0], time_ms[n - 1]);
@@ -130,7 +116,7 @@ impl Recording {
         let on_grid =
             |i: usize| (time_ms[i] - first_ms - i as f64 * step_ms).abs() <= ON_GRID * step_ms;
         let grid = Grid {
-            time_ms: &time_ms,
+            time_ms,
             step_ms,
             n: n_grid as usize,
         };
@@ -140,10 +126,12 @@ impl Recording {
         Ok(Self {
             begin_ms: first_ms,
             step_ms,
-            lv_pressure_mmhg: place(lv_pressure_mmhg),
-            aortic_pressure_mmhg: place(aortic_pressure_mmhg),
-            flow_ml_per_s: place(flow_ml_per_s),
-            ecg_mv: place(ecg_mv),
+            channels: Channels {
+                lv_pressure_mmhg: place(channels.lv_pressure_mmhg),
+                aortic_pressure_mmhg: place(channels.aortic_pressure_mmhg),
+                flow_ml_per_s: place(channels.flow_ml_per_s),
+                ecg_mv: place(channels.ecg_mv),
+            },
         })
     }
 
@@ -151,9 +139,11 @@ impl Recording {
     /// aorta's.
     #[must_use]
     pub fn leading_pressure(&self) -> &[f64] {
-        self.lv_pressure_mmhg
+        let channels = &self.channels;
+        channels
+            .lv_pressure_mmhg
             .as_deref()
-            .or(self.aortic_pressure_mmhg.as_deref())
+            .or(channels.aortic_pressure_mmhg.as_deref())
             .unwrap_or_default()
     }
 
@@ -247,19 +237,18 @@ pub fn at(values: &[f64], position: f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn channels(time_ms: Vec<f64>, value: impl Fn(f64) -> f64) -> Channels {
-        let values = time_ms.iter().map(|t| value(*t)).collect();
-        Channels {
-            time_ms,
-            lv_pressure_mmhg: Some(values),
+    fn made(time_ms: &[f64], value: impl Fn(f64) -> f64) -> Result<Recording, RecordingError> {
+        let channels = Channels {
+            lv_pressure_mmhg: Some(time_ms.iter().map(|t| value(*t)).collect()),
             ..Channels::default()
-        }
+        };
+        Recording::new(time_ms, channels)
     }
 
     #[test]
     fn samples_on_a_grid_stay_bit_for_bit() {
         let time: Vec<f64> = (0..500).map(|i| 1000.0 + f64::from(i)).collect();
-        let r = Recording::new(channels(time, |t| (t / 37.0).sin())).unwrap();
+        let r = made(&time, |t| (t / 37.0).sin()).unwrap();
         assert_eq!((r.step_ms, r.begin_ms, r.n_samples()), (1.0, 1000.0, 500));
         assert_eq!(r.leading_pressure()[123], (1123.0_f64 / 37.0).sin());
     }
@@ -271,7 +260,7 @@ mod tests {
             .filter(|t| !(200.0..240.0).contains(t))
             .collect();
         time.retain(|t| *t != 300.0);
-        let r = Recording::new(channels(time, |t| t)).unwrap();
+        let r = made(&time, |t| t).unwrap();
         let p = r.leading_pressure();
         assert_eq!(p.len(), 600);
         assert!(p[199] == 199.0 && p[200].is_nan() && p[239].is_nan() && p[240] == 240.0);
@@ -281,7 +270,7 @@ mod tests {
     #[test]
     fn rounded_stamps_are_interpolated() {
         let time: Vec<f64> = (0..300).map(|i| (f64::from(i) * 4.9).round()).collect();
-        let r = Recording::new(channels(time, |t| 2.0 * t)).unwrap();
+        let r = made(&time, |t| 2.0 * t).unwrap();
         assert!((r.step_ms - 4.9).abs() < 0.01, "{}", r.step_ms);
         let p = r.leading_pressure();
         assert!((100..200).all(|i| (p[i] - 2.0 * i as f64 * r.step_ms).abs() < 0.2));
@@ -291,20 +280,20 @@ mod tests {
     fn what_is_no_recording_is_refused() {
         let seconds: Vec<f64> = (0..500).map(|i| f64::from(i) * 1e-3).collect();
         assert!(matches!(
-            Recording::new(channels(seconds, |t| t)),
+            made(&seconds, |t| t),
             Err(RecordingError::Step { .. })
         ));
         let mut far: Vec<f64> = (0..500).map(f64::from).collect();
         far[499] = 1e12;
         assert!(matches!(
-            Recording::new(channels(far, |t| t)),
+            made(&far, |t| t),
             Err(RecordingError::Span { .. })
         ));
-        let none = Channels {
-            time_ms: (0..500).map(f64::from).collect(),
-            ..Channels::default()
-        };
-        assert_eq!(Recording::new(none), Err(RecordingError::NoPressure));
+        let time: Vec<f64> = (0..500).map(f64::from).collect();
+        assert_eq!(
+            Recording::new(&time, Channels::default()),
+            Err(RecordingError::NoPressure)
+        );
     }
 
     #[test]

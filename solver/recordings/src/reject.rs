@@ -152,9 +152,9 @@ fn span(recording: &Recording, beat: &Beat) -> std::ops::Range<usize> {
 
 fn missing(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
     let channels = [
-        &recording.lv_pressure_mmhg,
-        &recording.aortic_pressure_mmhg,
-        &recording.flow_ml_per_s,
+        &recording.channels.lv_pressure_mmhg,
+        &recording.channels.aortic_pressure_mmhg,
+        &recording.channels.flow_ml_per_s,
     ];
     for (beat, reasons) in beats.iter().zip(reasons) {
         let span = span(recording, beat);
@@ -171,9 +171,12 @@ fn missing(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
 
 fn damage(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
     let step = recording.step_ms;
-    for pressure in [&recording.lv_pressure_mmhg, &recording.aortic_pressure_mmhg]
-        .into_iter()
-        .flatten()
+    for pressure in [
+        &recording.channels.lv_pressure_mmhg,
+        &recording.channels.aortic_pressure_mmhg,
+    ]
+    .into_iter()
+    .flatten()
     {
         let seen: Vec<(f64, f64, f64)> = beats
             .iter()
@@ -307,6 +310,7 @@ fn shape(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
 mod tests {
     use super::*;
     use crate::beats::find;
+    use crate::recording::Channels;
     use cardiotwin_vocabulary::preparation::{BeatSource, BeatsStep};
 
     /// Beats of given lengths, with a bell-shaped pressure 250 ms after each beginning.
@@ -332,7 +336,10 @@ mod tests {
             .collect();
         let recording = Recording {
             step_ms: 1.0,
-            lv_pressure_mmhg: Some(pressure),
+            channels: Channels {
+                lv_pressure_mmhg: Some(pressure),
+                ..Channels::default()
+            },
             ..Recording::default()
         };
         let settings = BeatsStep {
@@ -369,7 +376,7 @@ mod tests {
     #[test]
     fn damage_is_named_and_what_is_given_by_hand_wins() {
         let (mut recording, found) = recording(&[800.0; 20]);
-        let pressure = recording.lv_pressure_mmhg.as_mut().unwrap();
+        let pressure = recording.channels.lv_pressure_mmhg.as_mut().unwrap();
         pressure[2300..2310].fill(f64::NAN);
         pressure[4000 + 400..4000 + 500].fill(9.0);
         pressure[6400 + 500] = 60.0;
@@ -400,7 +407,7 @@ mod tests {
     #[test]
     fn a_weak_beat_at_its_time_is_unusual() {
         let (mut recording, found) = recording(&[800.0; 20]);
-        let pressure = recording.lv_pressure_mmhg.as_mut().unwrap();
+        let pressure = recording.channels.lv_pressure_mmhg.as_mut().unwrap();
         pressure[8000..8790]
             .iter_mut()
             .for_each(|p| *p = 8.0 + 0.75 * (*p - 8.0));

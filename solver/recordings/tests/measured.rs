@@ -48,14 +48,13 @@ fn record(pressure: &str, flow: &str) -> Result<Prepared, PrepareError> {
     };
     let flow = time_ms.iter().map(at).collect();
     let channels = Channels {
-        time_ms,
         aortic_pressure_mmhg: Some(p),
         flow_ml_per_s: Some(flow),
         ..Channels::default()
     };
     prepare(
         &Raw {
-            recording: Recording::new(channels).unwrap(),
+            recording: Recording::new(&time_ms, channels).unwrap(),
             cine: None,
             whole_heart: None,
         },

@@ -90,7 +90,7 @@ pub struct Truth {
 pub fn make(wish: &Wish) -> (Raw, Truth) {
     let mut random = Random::new(wish.seed, 77);
     let truth = lay_out(wish, heart(wish.seed), &mut random);
-    let channels = record(wish, &truth, &mut random);
+    let recording = record(wish, &truth, &mut random);
     let cine = cine(wish, &truth, &mut random);
     let late = 0.82 * cine.cycle_length_ms;
     let whole_heart = RawImage {
@@ -100,7 +100,7 @@ pub fn make(wish: &Wish) -> (Raw, Truth) {
     };
     (
         Raw {
-            recording: Recording::new(channels).unwrap(),
+            recording,
             cine: Some(cine),
             whole_heart: Some(whole_heart),
         },
@@ -201,7 +201,7 @@ pub fn periodic(values: &[f64], t: f64) -> f64 {
     values[i] + (t - i as f64) * (values[(i + 1) % n] - values[i])
 }
 
-fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
+fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Recording {
     let last = *truth.onsets_ms.last().unwrap() + random.between(200.0, 500.0);
     let n = (last / wish.step_ms) as usize;
     let breath = (random.between(3000.0, 5000.0), random.between(0.0, TAU));
@@ -287,13 +287,14 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Channels {
         }
     }
     damage(wish, truth, &mut lv, random);
-    Channels {
-        time_ms: (0..n).map(|k| k as f64 * wish.step_ms).collect(),
+    let time_ms: Vec<f64> = (0..n).map(|k| k as f64 * wish.step_ms).collect();
+    let channels = Channels {
         lv_pressure_mmhg: Some(lv),
         aortic_pressure_mmhg: Some(aortic),
         flow_ml_per_s: None,
         ecg_mv: wish.ecg.then_some(ecg),
-    }
+    };
+    Recording::new(&time_ms, channels).unwrap()
 }
 
 /// An ectopic beat spreads slowly, so that its pressure rises and falls over a longer time.
