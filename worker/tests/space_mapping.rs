@@ -6,7 +6,7 @@ mod support;
 use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point::{self, Cost, Decision, History, Outcome};
-use cardiotwin_models::ventricle::OneFibrePassive;
+use cardiotwin_models::ventricle::{OneFibrePassive, PassiveLaw as _};
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
@@ -60,7 +60,7 @@ impl Patient {
         };
         let mut p = *p;
         if differs {
-            let law = OneFibrePassive::through(
+            passive = OneFibrePassive::through(
                 Ml(0.95 * passive.unloaded_volume_ml),
                 Ml(passive.end_diastolic_volume_ml),
                 Mmhg(passive.end_diastolic_pressure_mmhg),
@@ -68,10 +68,6 @@ impl Patient {
                 0.7 * passive.exponent,
             )
             .unwrap();
-            passive.wall_volume_ml = law.wall_volume.0;
-            passive.unloaded_volume_ml = law.unloaded_volume.0;
-            passive.stiffness_kpa = law.stiffness.0;
-            passive.exponent = law.exponent;
             activation.spread_ms = 62.0;
             (p.tanh.a6, p.tanh.a7, p.tanh.t_emd_ms) = (4.2, 0.67, 19.0);
         }

@@ -16,6 +16,7 @@ pub mod json_schema;
 pub mod label;
 mod labels;
 pub mod motion;
+pub mod one_fibre;
 pub mod passive_law;
 pub mod preparation;
 pub mod ranges;

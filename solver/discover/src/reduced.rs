@@ -12,7 +12,9 @@ use cardiotwin_models::effects::{
 };
 use cardiotwin_models::periodic::{Orbit, PeriodicSettings, find};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
-use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use cardiotwin_models::ventricle::{
+    ActivationSpread, GroupContraction, OneFibrePassive, PassiveLaw as _,
+};
 use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
 use cardiotwin_vocabulary::findings::InThreeDimensions;
 

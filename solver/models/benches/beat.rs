@@ -7,7 +7,7 @@ use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::{
     ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
-    PassiveStateInput, PassiveStateMode,
+    PassiveLaw as _, PassiveStateInput, PassiveStateMode,
 };
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -16,7 +16,7 @@ use std::hint::black_box;
 const CYCLE: Ms = Ms(659.0);
 
 fn run(contraction: GroupContraction, record_nodes: bool) -> f64 {
-    let passive = OneFibrePassive::fit(&PassiveStateInput {
+    let (passive, _) = OneFibrePassive::fit(&PassiveStateInput {
         end_diastolic_volume: Ml(161.2),
         end_diastolic_pressure: Mmhg(7.0),
         diastasis: None,

@@ -11,7 +11,7 @@ use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{Land2017Parameters, Tanh, TanhParameters};
 use cardiotwin_models::ventricle::{
     ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive, OneFibreVentricle,
-    PassiveStateInput, PassiveStateMode,
+    PassiveLaw as _, PassiveStateInput, PassiveStateMode,
 };
 use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
 use proptest::collection::vec;
@@ -125,7 +125,7 @@ proptest! {
             smax_ref_kpa: smax, tau_sr_ref_ms: tau_sr, tau_sd_ms: tau_sd, t_cr_ms: t_cr, ..Default::default()
         };
         let cycle_length = Ms(750.0);
-        let passive = OneFibrePassive::fit(&PassiveStateInput {
+        let (passive, _) = OneFibrePassive::fit(&PassiveStateInput {
             end_diastolic_volume: Ml(edv),
             end_diastolic_pressure: Mmhg(edp),
             diastasis: None,

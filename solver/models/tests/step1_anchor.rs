@@ -12,7 +12,7 @@ use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::median_traces::MedianTraces;
 use cardiotwin_models::ventricle::{
     ActivationSpread, DiastasisPoint, GroupContraction, OneFibreParameters, OneFibrePassive,
-    OneFibreVentricle, PassiveStateInput, PassiveStateMode, passive_state,
+    OneFibreVentricle, PassiveLaw as _, PassiveStateInput, PassiveStateMode, passive_state,
 };
 use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
 use cardiotwin_units::{Ml, Mmhg, Ms};
@@ -66,7 +66,7 @@ impl Patient {
         let diastasis_pressure =
             passive_state::pressure_at(&time, &pressure, Ms(key("measured.diastasis", "time_ms")))
                 .unwrap();
-        let passive = OneFibrePassive::fit(&PassiveStateInput {
+        let (passive, _) = OneFibrePassive::fit(&PassiveStateInput {
             end_diastolic_volume: Ml(volume[0]),
             end_diastolic_pressure: Mmhg(key("measured", "end_diastolic_pressure_mmHg")),
             diastasis: Some(DiastasisPoint {
@@ -200,7 +200,7 @@ fn personalise(patient: &Patient) -> (Vec<f64>, [f64; 7], String) {
                 .biomarkers()
                 .unwrap();
             let gap =
-                patient.passive.end_diastolic_volume.0 - result.traces.volume_ml.last().unwrap();
+                patient.passive.end_diastolic_volume_ml - result.traces.volume_ml.last().unwrap();
             note = format!(
                 "b {:.1} Smax {:.0} tau_SR {:.1} tau_SD {:.0} t_CR {:.0} R_av {:.4} R_mv {:.4}, lambda_min {:.3}, gap {gap:.1} mL, iterations/step {:.2}, cut {}, failed {failed:?}",
                 patient.passive.exponent,

@@ -5,6 +5,8 @@ use super::declaration::{
     Signal,
 };
 use super::{EffectError, Surroundings};
+use crate::ventricle::PassiveLaw as _;
+use cardiotwin_units::Ml;
 
 /// Catalogue entry of passive stiffening.
 pub const EFFECT: Effect = Effect {
@@ -55,9 +57,10 @@ fn add(
     _around: &Surroundings,
     mut parts: OneFibreParts,
 ) -> Result<OneFibreParts, EffectError> {
-    let before = parts.passive.pressure(parts.passive.end_diastolic_volume);
-    parts.passive.exponent *= values[0];
-    let after = parts.passive.pressure(parts.passive.end_diastolic_volume);
-    parts.passive.stiffness.0 *= before.0 / after.0;
+    let passive = &mut parts.passive;
+    let volume = Ml(passive.end_diastolic_volume_ml);
+    let before = passive.pressure(volume);
+    passive.exponent *= values[0];
+    passive.stiffness_kpa *= before.0 / passive.pressure(volume).0;
     Ok(parts)
 }

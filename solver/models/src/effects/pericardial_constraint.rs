@@ -87,7 +87,7 @@ fn add(
     _around: &Surroundings,
     mut parts: OneFibreParts,
 ) -> Result<OneFibreParts, EffectError> {
-    let reference_ml = parts.passive.end_diastolic_volume.0;
+    let reference_ml = parts.passive.end_diastolic_volume_ml;
     let term = Pericardium {
         pressure_mmhg: values[0],
         reference_ml,

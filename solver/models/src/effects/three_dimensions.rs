@@ -120,7 +120,7 @@ fn fibre_viscosity(
     shortening_share: f64,
     reference: &OneFibrePassive,
 ) -> FibreViscosity {
-    let (volume, wall) = (reference.end_diastolic_volume.0, reference.wall_volume.0);
+    let (volume, wall) = (reference.end_diastolic_volume_ml, reference.wall_volume_ml);
     // Conversion from mmHg s to kPa ms.
     let eta = 1e3 * mmhg_s_per_ml / cardiotwin_units::MMHG_PER_KPA;
     let lengthening_kpa_ms = 9.0 * eta * (volume + wall / 3.0) / (wall / volume).ln_1p();
@@ -134,6 +134,7 @@ fn fibre_viscosity(
 mod tests {
     use super::super::{CATALOGUE, Kind};
     use super::*;
+    use crate::ventricle::PassiveLaw as _;
 
     use crate::circulation::LeftHeart;
     use crate::contraction::{Tanh, TanhParameters};

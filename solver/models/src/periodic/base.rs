@@ -4,7 +4,7 @@ use crate::circulation::{LeftHeart, StartPressure};
 use crate::contraction::{Tanh, TanhParameters};
 use crate::effects::{Assembled, BaseModel, EffectError, EffectSetting, assemble};
 use crate::ventricle::passive_state::DEFAULT_EXPONENT;
-use crate::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use crate::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive, PassiveLaw as _};
 use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
 use cardiotwin_vocabulary::circulation::WindkesselParameters;
 use serde::Serialize;

@@ -9,7 +9,9 @@ pub use one_fibre::{
     CavityPressureTerm, GroupContraction, OneFibreParameters, OneFibreVentricle,
     steps_before_the_beat,
 };
-pub use passive_state::{DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode};
+pub use passive_state::{
+    DiastasisPoint, OneFibrePassive, PassiveLaw, PassiveStateInput, PassiveStateMode,
+};
 
 use crate::circulation::{Circulation, CirculationError};
 use crate::contraction::ContractionError;

@@ -5,7 +5,10 @@
 //! stress is the weighted mean of the groups' active stress plus the passive law. The paper's
 //! Sa/(f·Cf) f⊗f is a Cauchy fibre stress of Sa.
 
-use super::passive_state::{OneFibrePassive, pressure_per_stress, stretch};
+use super::passive_state::{
+    OneFibrePassive, PassiveLaw as _, pressure_per_stress, stress_at_stretch, stretch,
+    stretch_ratio,
+};
 use super::{
     ActivationGroups, ActivationSpread, TriedStep, Ventricle, VentricleError, VentricleSnapshot,
 };
@@ -253,9 +256,9 @@ impl OneFibreVentricle {
         }
         let n = activation_ms.len();
         let n_calcium = if contraction.calcium.is_some() { n } else { 0 };
-        let volume_ml = passive.end_diastolic_volume.0;
+        let volume_ml = passive.end_diastolic_volume_ml;
         let cells = contraction.start_state.repeat(n);
-        let stretch_ratio = passive.stretch_ratio();
+        let stretch_ratio = stretch_ratio(&passive);
         let cell_stretch = contraction.stretch.at_end_diastole(stretch_ratio);
         let mut ventricle = Self {
             model: contraction.model,
@@ -391,8 +394,8 @@ impl OneFibreVentricle {
         volume_ml: f64,
         dt_ms: f64,
     ) -> Result<(f64, f64), VentricleError> {
-        let wall = self.passive.wall_volume.0;
-        let reference = self.passive.end_diastolic_volume.0;
+        let wall = self.passive.wall_volume_ml;
+        let reference = self.passive.end_diastolic_volume_ml;
         let (lambda, dlambda) = stretch(volume_ml, reference, wall);
         let step = UniformStep {
             dt_ms,
@@ -418,9 +421,8 @@ impl OneFibreVentricle {
             sa += weight * stress.sa_kpa;
             dsa += weight * stress.dsa_dlambda_kpa * self.cell_stretch;
         }
-        let (passive, dpassive) = self
-            .passive
-            .stress_at_stretch(lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
+        let (lambda, dlambda_passive) = (lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
+        let (passive, dpassive) = stress_at_stretch(&self.passive, lambda, dlambda_passive);
         let (factor, dfactor) = pressure_per_stress(volume_ml, wall);
         let stress = sa + passive;
         let mut pressure = MMHG_PER_KPA * stress * factor;

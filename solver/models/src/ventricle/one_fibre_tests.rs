@@ -21,6 +21,7 @@ fn passive() -> OneFibrePassive {
         mode: PassiveStateMode::EndDiastole,
     })
     .unwrap()
+    .0
 }
 
 fn heart() -> LeftHeart {

@@ -9,6 +9,8 @@ use crate::roots::increasing_root;
 use cardiotwin_units::{Kpa, Ml, Mmhg, Ms, Stretch};
 use serde::{Deserialize, Serialize};
 
+pub use cardiotwin_vocabulary::one_fibre::OneFibrePassive;
+
 /// Exponent without a diastasis point: half of Guccione's b_f of 18.48, because E enters linearly
 /// rather than squared.
 pub const DEFAULT_EXPONENT: f64 = 18.48 / 2.0;
@@ -33,23 +35,6 @@ pub(crate) fn stretch(volume_ml: f64, reference_ml: f64, wall_ml: f64) -> (f64, 
     // not matter here.
     let lambda = ((now / (reference_ml + wall_ml / 3.0)).ln() / 3.0).exp();
     (lambda, lambda / (3.0 * now))
-}
-
-/// Passive fibre law σ_p = s (e^{b E} − 1) with E = (λ_p² − 1)/2 and λ_p from the unloaded volume.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct OneFibrePassive {
-    /// Stiffness s of the passive fibre stress.
-    pub stiffness: Kpa,
-    /// Exponent b of the strain E.
-    pub exponent: f64,
-    /// Cavity volume V0 without load.
-    pub unloaded_volume: Ml,
-    /// Volume at end-diastole, where the active stretch is one and the beat starts.
-    pub end_diastolic_volume: Ml,
-    /// Volume of the wall, constant in all states.
-    pub wall_volume: Ml,
-    /// Whether the exponent was fitted to a diastasis point; otherwise it is the default.
-    pub exponent_fitted: bool,
 }
 
 /// Pressure and volume at the time of the whole-heart image.
@@ -90,16 +75,41 @@ pub struct PassiveStateInput {
 
 pub use cardiotwin_signals::image::klotz_unloaded_volume;
 
-impl OneFibrePassive {
+/// Passive fibre law σ_p = s (e^{b E} − 1) with E = (λ_p² − 1)/2 and λ_p from the unloaded volume.
+pub trait PassiveLaw: Sized {
     /// Fits the law through (V0, 0) and the loaded state, and through the diastasis point if
     /// possible (a volume between V0 and EDV at a pressure that the law can have there). Otherwise
-    /// the exponent keeps its default, which `exponent_fitted` shows.
+    /// the exponent is the default. The second value tells whether the exponent was fitted.
     ///
     /// # Errors
     /// [`VentricleError::Parameter`] if a volume or pressure is not positive, or a diastasis start
     /// lacks a diastasis volume; [`VentricleError::PassiveState`] if V0 is not between zero and the
     /// loaded volume.
-    pub fn fit(input: &PassiveStateInput) -> Result<Self, VentricleError> {
+    fn fit(input: &PassiveStateInput) -> Result<(Self, bool), VentricleError>;
+
+    /// The law with a given exponent, through (unloaded volume, 0) and a pressure at the reference
+    /// volume.
+    ///
+    /// # Errors
+    /// [`VentricleError::PassiveState`] unless 0 < unloaded < reference volume and the pressure is
+    /// positive; [`VentricleError::Parameter`] if the wall volume or the exponent is not positive.
+    fn through(
+        unloaded: Ml,
+        reference: Ml,
+        pressure: Mmhg,
+        wall: Ml,
+        exponent: f64,
+    ) -> Result<Self, VentricleError>;
+
+    /// Passive pressure at a volume.
+    fn pressure(&self, volume: Ml) -> Mmhg;
+
+    /// Stretch for the active stress at a volume; one at end-diastole.
+    fn active_stretch(&self, volume: Ml) -> Stretch;
+}
+
+impl PassiveLaw for OneFibrePassive {
+    fn fit(input: &PassiveStateInput) -> Result<(Self, bool), VentricleError> {
         let (volume, diastasis) = match (input.mode, input.diastasis) {
             (PassiveStateMode::EndDiastole, point) => (input.end_diastolic_volume, point),
             (PassiveStateMode::Diastasis, Some(point)) => (point.volume, None),
@@ -136,28 +146,20 @@ impl OneFibrePassive {
             });
         }
         let mut law = Self {
-            stiffness: Kpa(0.0),
+            wall_volume_ml: input.wall_volume.0,
+            unloaded_volume_ml: unloaded.0,
+            end_diastolic_volume_ml: volume.0,
+            end_diastolic_pressure_mmhg: pressure.0,
+            stiffness_kpa: 0.0,
             exponent: DEFAULT_EXPONENT,
-            unloaded_volume: unloaded,
-            end_diastolic_volume: volume,
-            wall_volume: input.wall_volume,
-            exponent_fitted: false,
         };
-        if let Some(exponent) = diastasis.and_then(|point| law.exponent_through(pressure, point)) {
-            law.exponent = exponent;
-            law.exponent_fitted = true;
-        }
-        law.stiffness = law.stiffness_for(law.exponent, pressure);
-        Ok(law)
+        let fitted = diastasis.and_then(|point| exponent_through(&law, pressure, point));
+        law.exponent = fitted.unwrap_or(DEFAULT_EXPONENT);
+        law.stiffness_kpa = stiffness_for(&law, pressure);
+        Ok((law, fitted.is_some()))
     }
 
-    /// The law with a given exponent, through (unloaded volume, 0) and a pressure at the reference
-    /// volume.
-    ///
-    /// # Errors
-    /// [`VentricleError::PassiveState`] unless 0 < unloaded < reference volume and the pressure is
-    /// positive; [`VentricleError::Parameter`] if the wall volume or the exponent is not positive.
-    pub fn through(
+    fn through(
         unloaded: Ml,
         reference: Ml,
         pressure: Mmhg,
@@ -186,96 +188,95 @@ impl OneFibrePassive {
             }
         }
         let mut law = Self {
-            stiffness: Kpa(0.0),
+            wall_volume_ml: wall.0,
+            unloaded_volume_ml: unloaded.0,
+            end_diastolic_volume_ml: reference.0,
+            end_diastolic_pressure_mmhg: pressure.0,
+            stiffness_kpa: 0.0,
             exponent,
-            unloaded_volume: unloaded,
-            end_diastolic_volume: reference,
-            wall_volume: wall,
-            exponent_fitted: false,
         };
-        law.stiffness = law.stiffness_for(exponent, pressure);
+        law.stiffness_kpa = stiffness_for(&law, pressure);
         Ok(law)
     }
 
-    /// Strain E at a volume.
-    fn strain(&self, volume_ml: f64) -> f64 {
-        let lambda = stretch(volume_ml, self.unloaded_volume.0, self.wall_volume.0).0;
-        0.5 * (lambda * lambda - 1.0)
+    fn pressure(&self, volume: Ml) -> Mmhg {
+        Kpa(stress_at(self, volume.0).0 * pressure_per_stress(volume.0, self.wall_volume_ml).0)
+            .into()
     }
 
-    /// Stiffness at which the law passes through the loaded state.
-    fn stiffness_for(&self, exponent: f64, pressure: Mmhg) -> Kpa {
-        let volume = self.end_diastolic_volume.0;
-        let stress = Kpa::from(pressure).0 / pressure_per_stress(volume, self.wall_volume.0).0;
-        Kpa(stress / (exponent * self.strain(volume)).exp_m1())
+    fn active_stretch(&self, volume: Ml) -> Stretch {
+        Stretch(stretch(volume.0, self.end_diastolic_volume_ml, self.wall_volume_ml).0)
     }
+}
 
-    /// Exponent at which the law also passes through the diastasis point; `None` if no exponent in
-    /// the range does.
-    fn exponent_through(&self, loaded: Mmhg, point: DiastasisPoint) -> Option<f64> {
-        let inside =
-            point.volume.0 > self.unloaded_volume.0 && point.volume.0 < self.end_diastolic_volume.0;
-        if !(inside && point.pressure.0 > 0.0 && point.pressure.0 < loaded.0) {
-            return None;
-        }
-        // A larger exponent lowers the pressure at the smaller volume.
-        let strain = self.strain(point.volume.0);
-        let loaded_strain = self.strain(self.end_diastolic_volume.0);
-        let wall = self.wall_volume.0;
-        let wanted = Kpa::from(point.pressure).0 / pressure_per_stress(point.volume.0, wall).0;
-        let stress = Kpa::from(loaded).0 / pressure_per_stress(self.end_diastolic_volume.0, wall).0;
-        let (low, high) = EXPONENT_RANGE;
-        increasing_root(low, high, DEFAULT_EXPONENT, 1e-10, |b| {
-            let (e, el) = ((b * strain).exp_m1(), (b * loaded_strain).exp_m1());
-            let ratio = e / el;
-            let slope = ratio * (strain * (e + 1.0) / e - loaded_strain * (el + 1.0) / el);
-            (wanted - stress * ratio, -stress * slope)
-        })
-        .ok()
-    }
+/// Strain E at a volume.
+fn strain(law: &OneFibrePassive, volume_ml: f64) -> f64 {
+    let lambda = stretch(volume_ml, law.unloaded_volume_ml, law.wall_volume_ml).0;
+    0.5 * (lambda * lambda - 1.0)
+}
 
-    /// Passive fibre stress \[kPa\] at a volume, and its derivative with respect to the volume.
-    #[inline]
-    pub(crate) fn stress_at(&self, volume_ml: f64) -> (f64, f64) {
-        let (lambda, dlambda) = stretch(volume_ml, self.unloaded_volume.0, self.wall_volume.0);
-        self.stress_at_stretch(lambda, dlambda)
-    }
+/// Stiffness \[kPa\] at which the law passes through the loaded state.
+fn stiffness_for(law: &OneFibrePassive, pressure: Mmhg) -> f64 {
+    let volume = law.end_diastolic_volume_ml;
+    let stress = Kpa::from(pressure).0 / pressure_per_stress(volume, law.wall_volume_ml).0;
+    stress / (law.exponent * strain(law, volume)).exp_m1()
+}
 
-    /// Ratio of the stretch from the unloaded volume to the stretch from end-diastole.
-    pub(crate) fn stretch_ratio(&self) -> f64 {
-        stretch(
-            self.end_diastolic_volume.0,
-            self.unloaded_volume.0,
-            self.wall_volume.0,
-        )
-        .0
+/// Exponent at which the law also passes through the diastasis point; `None` if no exponent in
+/// the range does.
+fn exponent_through(law: &OneFibrePassive, loaded: Mmhg, point: DiastasisPoint) -> Option<f64> {
+    let inside =
+        point.volume.0 > law.unloaded_volume_ml && point.volume.0 < law.end_diastolic_volume_ml;
+    if !(inside && point.pressure.0 > 0.0 && point.pressure.0 < loaded.0) {
+        return None;
     }
+    // A larger exponent lowers the pressure at the smaller volume.
+    let (near, far) = (
+        strain(law, point.volume.0),
+        strain(law, law.end_diastolic_volume_ml),
+    );
+    let wall = law.wall_volume_ml;
+    let wanted = Kpa::from(point.pressure).0 / pressure_per_stress(point.volume.0, wall).0;
+    let stress = Kpa::from(loaded).0 / pressure_per_stress(law.end_diastolic_volume_ml, wall).0;
+    let (low, high) = EXPONENT_RANGE;
+    increasing_root(low, high, DEFAULT_EXPONENT, 1e-10, |b| {
+        let (e, el) = ((b * near).exp_m1(), (b * far).exp_m1());
+        let ratio = e / el;
+        let slope = ratio * (near * (e + 1.0) / e - far * (el + 1.0) / el);
+        (wanted - stress * ratio, -stress * slope)
+    })
+    .ok()
+}
 
-    /// As [`Self::stress_at`], from the stretch λ_p and its derivative with respect to the volume.
-    #[inline]
-    pub(crate) fn stress_at_stretch(&self, lambda: f64, dlambda: f64) -> (f64, f64) {
-        // The exponent is limited, as everywhere here: an extreme candidate gives a large stress,
-        // not an infinite one.
-        let exponential = (self.exponent * 0.5 * (lambda * lambda - 1.0))
-            .min(200.0)
-            .exp();
-        (
-            self.stiffness.0 * (exponential - 1.0),
-            self.stiffness.0 * self.exponent * exponential * lambda * dlambda,
-        )
-    }
+/// Passive fibre stress \[kPa\] at a volume, and its derivative with respect to the volume.
+#[inline]
+pub(crate) fn stress_at(law: &OneFibrePassive, volume_ml: f64) -> (f64, f64) {
+    let (lambda, dlambda) = stretch(volume_ml, law.unloaded_volume_ml, law.wall_volume_ml);
+    stress_at_stretch(law, lambda, dlambda)
+}
 
-    /// Passive pressure at a volume.
-    #[must_use]
-    pub fn pressure(&self, volume: Ml) -> Mmhg {
-        Kpa(self.stress_at(volume.0).0 * pressure_per_stress(volume.0, self.wall_volume.0).0).into()
-    }
+/// Ratio of the stretch from the unloaded volume to the stretch from end-diastole.
+pub(crate) fn stretch_ratio(law: &OneFibrePassive) -> f64 {
+    stretch(
+        law.end_diastolic_volume_ml,
+        law.unloaded_volume_ml,
+        law.wall_volume_ml,
+    )
+    .0
+}
 
-    /// Stretch for the active stress at a volume; one at end-diastole.
-    #[must_use]
-    pub fn active_stretch(&self, volume: Ml) -> Stretch {
-        Stretch(stretch(volume.0, self.end_diastolic_volume.0, self.wall_volume.0).0)
-    }
+/// As [`stress_at`], from the stretch λ_p and its derivative with respect to the volume.
+#[inline]
+pub(crate) fn stress_at_stretch(law: &OneFibrePassive, lambda: f64, dlambda: f64) -> (f64, f64) {
+    // The exponent is limited, as everywhere here: an extreme candidate gives a large stress,
+    // not an infinite one.
+    let exponential = (law.exponent * 0.5 * (lambda * lambda - 1.0))
+        .min(200.0)
+        .exp();
+    (
+        law.stiffness_kpa * (exponential - 1.0),
+        law.stiffness_kpa * law.exponent * exponential * lambda * dlambda,
+    )
 }
 
 /// Pressure of a sampled trace at a time, by linear interpolation and constant beyond the ends. It
@@ -323,10 +324,10 @@ mod tests {
             pressure: Mmhg(4.2),
         };
         for diastasis in [None, Some(point)] {
-            let law = OneFibrePassive::fit(&input(diastasis)).unwrap();
-            assert!(law.pressure(law.unloaded_volume).0.abs() < 1e-12);
+            let (law, fitted) = OneFibrePassive::fit(&input(diastasis)).unwrap();
+            assert!(law.pressure(Ml(law.unloaded_volume_ml)).0.abs() < 1e-12);
             assert!((law.pressure(Ml(161.0)).0 - 7.0).abs() < 1e-10);
-            assert_eq!(law.exponent_fitted, diastasis.is_some());
+            assert_eq!(fitted, diastasis.is_some());
             assert!((law.active_stretch(Ml(161.0)).0 - 1.0).abs() < 1e-15);
             if diastasis.is_some() {
                 assert!((law.pressure(Ml(138.0)).0 - 4.2).abs() < 1e-8);
@@ -341,8 +342,8 @@ mod tests {
                 volume: Ml(volume),
                 pressure: Mmhg(pressure),
             };
-            let law = OneFibrePassive::fit(&input(Some(point))).unwrap();
-            assert!(!law.exponent_fitted && law.exponent == DEFAULT_EXPONENT);
+            let (law, fitted) = OneFibrePassive::fit(&input(Some(point))).unwrap();
+            assert!(!fitted && law.exponent == DEFAULT_EXPONENT);
         }
     }
 
@@ -352,12 +353,12 @@ mod tests {
             volume: Ml(138.0),
             pressure: Mmhg(4.2),
         };
-        let law = OneFibrePassive::fit(&PassiveStateInput {
+        let (law, _) = OneFibrePassive::fit(&PassiveStateInput {
             mode: PassiveStateMode::Diastasis,
             ..input(Some(point))
         })
         .unwrap();
-        assert_eq!(law.end_diastolic_volume, Ml(138.0));
+        assert_eq!(law.end_diastolic_volume_ml, 138.0);
         assert!((law.pressure(Ml(138.0)).0 - 7.0).abs() < 1e-10);
         assert!(
             OneFibrePassive::fit(&PassiveStateInput {
@@ -402,13 +403,13 @@ mod tests {
     proptest! {
         #[test]
         fn slopes_are_slopes(volume in 30.0..250.0f64, wall in 50.0..200.0f64) {
-            let law = OneFibrePassive::fit(&PassiveStateInput { wall_volume: Ml(wall), ..input(None) }).unwrap();
+            let (law, _) = OneFibrePassive::fit(&PassiveStateInput { wall_volume: Ml(wall), ..input(None) }).unwrap();
             let h = 1e-4;
             let check = |f: &dyn Fn(f64) -> (f64, f64)| {
                 let slope = (f(volume + h).0 - f(volume - h).0) / (2.0 * h);
                 assert!((slope - f(volume).1).abs() < 1e-6 * (1e-3 + slope.abs()));
             };
-            check(&|v| law.stress_at(v));
+            check(&|v| stress_at(&law, v));
             check(&|v| pressure_per_stress(v, wall));
             check(&|v| stretch(v, 150.0, wall));
         }

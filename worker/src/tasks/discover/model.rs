@@ -6,9 +6,9 @@ use cardiotwin_discover::forward::{Forward as _, Prediction, Request};
 use cardiotwin_discover::reduced::{BASE, Reduced};
 use cardiotwin_discover::{Discovery, Measured};
 use cardiotwin_models::effects::Kind;
-use cardiotwin_models::ventricle::OneFibrePassive;
+use cardiotwin_models::ventricle::{OneFibrePassive, PassiveLaw as _};
 use cardiotwin_schemas::discover::{FoundModel, StatedFilling};
-use cardiotwin_schemas::organ::{self, EffectSpec, WindkesselParameters};
+use cardiotwin_schemas::organ::{EffectSpec, WindkesselParameters};
 use cardiotwin_units::{Ml, Mmhg};
 
 use crate::error::TaskError;
@@ -112,14 +112,7 @@ pub fn accepted(model: &Reduced, found: &Discovery) -> Result<FoundModel, TaskEr
             compliance_ml_per_mmhg: base("compliance_mL_per_mmHg")?,
         },
         left_atrial_pressure_mmhg: base("left_atrial_pressure_mmHg")?,
-        passive: organ::OneFibrePassive {
-            wall_volume_ml: wall,
-            unloaded_volume_ml: law.unloaded_volume.0,
-            end_diastolic_volume_ml: reference,
-            end_diastolic_pressure_mmhg: pressure,
-            stiffness_kpa: law.stiffness.0,
-            exponent,
-        },
+        passive: law,
     })
 }
 

@@ -17,7 +17,7 @@ use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::effects::{InThreeDimensionsParts, Surroundings, in_three_dimensions};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
-use cardiotwin_models::ventricle::{OneFibrePassive, Ventricle as _};
+use cardiotwin_models::ventricle::{OneFibrePassive, PassiveLaw as _, Ventricle as _};
 use cardiotwin_schemas::finite_element::{
     EquationSettings, FiniteElementOrgan, FiniteElementSettings,
 };

@@ -9,12 +9,13 @@ use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSol
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
-use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OneFibrePassive};
+use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction};
 use cardiotwin_schemas::organ::{
-    self, ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, StretchOrigin,
+    ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OneFibrePassive,
+    StretchOrigin,
 };
 use cardiotwin_schemas::task::OrganBeatSpec;
-use cardiotwin_units::{Kpa, Ml, Mmhg, MmhgSPerMl, Ms};
+use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
 
 use crate::calcium;
 use crate::cell_parameters::NamedCell;
@@ -28,20 +29,13 @@ use crate::error::TaskError;
 /// artefact of the measurement.
 pub fn reduced(
     spec: &OrganBeatSpec,
-    passive: &organ::OneFibrePassive,
+    passive: &OneFibrePassive,
     activation: &ActivationSpec,
 ) -> Result<Assembled, TaskError> {
     let effects = effects(&spec.circulation.effects)?;
     let base = BaseModel {
         heart: heart(spec),
-        passive: OneFibrePassive {
-            stiffness: Kpa(passive.stiffness_kpa),
-            exponent: passive.exponent,
-            unloaded_volume: Ml(passive.unloaded_volume_ml),
-            end_diastolic_volume: Ml(passive.end_diastolic_volume_ml),
-            wall_volume: Ml(passive.wall_volume_ml),
-            exponent_fitted: false,
-        },
+        passive: *passive,
         activation: ActivationSpread {
             onset: Ms(activation.onset_ms),
             spread: Ms(activation.spread_ms),

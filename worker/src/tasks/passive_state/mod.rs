@@ -13,16 +13,15 @@ mod perturbation;
 use std::collections::BTreeMap;
 
 use cardiotwin_models::ventricle::{
-    DiastasisPoint, OneFibrePassive, PassiveStateInput, PassiveStateMode,
+    DiastasisPoint, OneFibrePassive, PassiveLaw as _, PassiveStateInput, PassiveStateMode,
 };
-use cardiotwin_schemas::organ;
 use cardiotwin_schemas::organ::{ActivationSpec, CirculationSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Estimate, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::task::PassiveStateSpec;
 use cardiotwin_signals::NoiseWindows;
-use cardiotwin_units::{Kpa, Ml, Mmhg};
+use cardiotwin_units::{Ml, Mmhg};
 
 use self::measurements::{EndDiastole, Measurements};
 use self::onset::onset_ms;
@@ -56,7 +55,7 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
         .map(|law| accepted_law(law, end_diastole))
         .transpose()?;
     if let Some(law) = &accepted {
-        end_diastole.pressure_mmhg = law.pressure(law.end_diastolic_volume).0;
+        end_diastole.pressure_mmhg = law.end_diastolic_pressure_mmhg;
     }
     let made = match &spec.finite_element {
         None => reduced(
@@ -154,18 +153,8 @@ fn reduced(
             );
             (law, None)
         }
-        None => passive_law(spec, measured, end_diastole, wall_volume_ml)?,
+        None => passive_law(spec, measured, end_diastole, wall_volume_ml, remarks)?,
     };
-    if diastasis.is_some()
-        && !law.exponent_fitted
-        && spec.passive_exponent.is_none()
-        && spec.start != StartMode::Diastasis
-    {
-        remarks.push(
-            "no passive law passes through the diastasis point: the exponent is the default"
-                .to_owned(),
-        );
-    }
     let ActivationSettings {
         spread_ms, groups, ..
     } = spec.activation;
@@ -174,18 +163,10 @@ fn reduced(
         groups,
         onset_ms: onset_ms(spec, measured, spread_ms, estimates),
     };
-    let passive = organ::OneFibrePassive {
-        wall_volume_ml,
-        unloaded_volume_ml: law.unloaded_volume.0,
-        end_diastolic_volume_ml: law.end_diastolic_volume.0,
-        end_diastolic_pressure_mmhg: end_diastole.pressure_mmhg,
-        stiffness_kpa: law.stiffness.0,
-        exponent: law.exponent,
-    };
     let diastasis_volume_error_ml = diastasis
         .and_then(|point| volume_at(&law, point.pressure).map(|volume| volume - point.volume.0));
     let organ = OrganSpec::Reduced {
-        passive,
+        passive: law,
         activation,
     };
     Ok(MadeOrgan {
@@ -215,39 +196,32 @@ fn noise_remarks(windows: NoiseWindows) -> Vec<String> {
 
 /// The accepted law, with the active stretch relative to the measured end-diastolic volume.
 fn accepted_law(
-    law: &organ::OneFibrePassive,
+    law: &OneFibrePassive,
     end_diastole: EndDiastole,
 ) -> Result<OneFibrePassive, TaskError> {
-    let reference = OneFibrePassive {
-        stiffness: Kpa(law.stiffness_kpa),
-        exponent: law.exponent,
-        unloaded_volume: Ml(law.unloaded_volume_ml),
-        end_diastolic_volume: Ml(law.end_diastolic_volume_ml),
-        wall_volume: Ml(law.wall_volume_ml),
-        exponent_fitted: true,
-    };
     let volume = Ml(end_diastole.volume_ml);
     let through = OneFibrePassive::through(
-        reference.unloaded_volume,
+        Ml(law.unloaded_volume_ml),
         volume,
-        reference.pressure(volume),
-        reference.wall_volume,
+        law.pressure(volume),
+        Ml(law.wall_volume_ml),
         law.exponent,
-    );
-    through
-        .map(|law| OneFibrePassive {
-            exponent_fitted: true,
-            ..law
-        })
-        .map_err(TaskError::PassiveState)
+    )
+    .map_err(TaskError::PassiveState)?;
+    Ok(OneFibrePassive {
+        end_diastolic_pressure_mmhg: through.pressure(volume).0,
+        ..through
+    })
 }
 
-/// The law through the measured points, and the diastasis point if there is one.
+/// The law through the measured points, and the diastasis point if there is one. Adds a remark if
+/// the law misses this point.
 fn passive_law(
     spec: &PassiveStateSpec,
     measured: &Measurements,
     end_diastole: EndDiastole,
     wall_volume_ml: f64,
+    remarks: &mut Vec<String>,
 ) -> Result<(OneFibrePassive, Option<DiastasisPoint>), TaskError> {
     let pressure = measured
         .pressure
@@ -271,7 +245,7 @@ fn passive_law(
             PassiveStateMode::Diastasis
         }
     };
-    let mut law = OneFibrePassive::fit(&PassiveStateInput {
+    let (mut law, fitted) = OneFibrePassive::fit(&PassiveStateInput {
         end_diastolic_volume: Ml(end_diastole.volume_ml),
         end_diastolic_pressure: Mmhg(end_diastole.pressure_mmhg),
         diastasis,
@@ -281,18 +255,22 @@ fn passive_law(
     .map_err(TaskError::PassiveState)?;
     if let Some(exponent) = spec.passive_exponent {
         law.exponent = exponent;
-        law.exponent_fitted = false;
         // Pressure is proportional to stiffness, so that one evaluation puts the law through the
         // end-diastolic point.
-        law.stiffness =
-            law.stiffness * (end_diastole.pressure_mmhg / law.pressure(law.end_diastolic_volume).0);
+        law.stiffness_kpa *=
+            end_diastole.pressure_mmhg / law.pressure(Ml(law.end_diastolic_volume_ml)).0;
+    } else if diastasis.is_some() && !fitted && spec.start != StartMode::Diastasis {
+        remarks.push(
+            "no passive law passes through the diastasis point: the exponent is the default"
+                .to_owned(),
+        );
     }
     Ok((law, diastasis))
 }
 
 /// Volume at which the law has this pressure; `None` outside the law's range.
 fn volume_at(law: &OneFibrePassive, pressure: Mmhg) -> Option<f64> {
-    let (mut lower, mut upper) = (law.unloaded_volume.0, 1.5 * law.end_diastolic_volume.0);
+    let (mut lower, mut upper) = (law.unloaded_volume_ml, 1.5 * law.end_diastolic_volume_ml);
     if !(pressure.0 >= 0.0 && law.pressure(Ml(upper)).0 >= pressure.0) {
         return None;
     }

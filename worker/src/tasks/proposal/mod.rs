@@ -7,10 +7,10 @@ pub mod step3;
 
 use cardiotwin_calibrate::fixed_point::Outcome;
 use cardiotwin_calibrate::space_mapping::Proposal;
-use cardiotwin_models::ventricle::OneFibrePassive;
+use cardiotwin_models::ventricle::PassiveLaw as _;
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_schemas::biomarkers::Biomarkers;
-use cardiotwin_schemas::organ::{self, ActivationSpec, OrganSpec};
+use cardiotwin_schemas::organ::{ActivationSpec, OneFibrePassive, OrganSpec};
 use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::settings::{ActivationSettings, SolverSettings};
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
@@ -50,9 +50,7 @@ pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
 
 /// The one-fibre ventricle of the organ, or the one with a finite-element ventricle's volumes,
 /// pressure and activation.
-pub(crate) fn one_fibre(
-    organ: &OrganSpec,
-) -> Result<(organ::OneFibrePassive, ActivationSpec), TaskError> {
+pub(crate) fn one_fibre(organ: &OrganSpec) -> Result<(OneFibrePassive, ActivationSpec), TaskError> {
     match organ {
         OrganSpec::Reduced {
             passive,
@@ -61,7 +59,7 @@ pub(crate) fn one_fibre(
         OrganSpec::External(organ) => Ok((organ.passive, organ.activation)),
         OrganSpec::FiniteElement(organ) => {
             let figures = &organ.figures;
-            let law = OneFibrePassive::through(
+            let passive = OneFibrePassive::through(
                 Ml(figures.unloaded_volume_ml),
                 Ml(figures.end_diastolic_volume_ml),
                 Mmhg(figures.end_diastolic_pressure_mmhg),
@@ -69,14 +67,6 @@ pub(crate) fn one_fibre(
                 DEFAULT_EXPONENT,
             )
             .map_err(TaskError::PassiveState)?;
-            let passive = organ::OneFibrePassive {
-                wall_volume_ml: figures.wall_volume_ml,
-                unloaded_volume_ml: figures.unloaded_volume_ml,
-                end_diastolic_volume_ml: figures.end_diastolic_volume_ml,
-                end_diastolic_pressure_mmhg: figures.end_diastolic_pressure_mmhg,
-                stiffness_kpa: law.stiffness.0,
-                exponent: law.exponent,
-            };
             let groups = ActivationSettings::default().groups;
             Ok((
                 passive,
