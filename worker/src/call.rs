@@ -1,9 +1,9 @@
 //! Work for which rank 0 calls the other ranks of a team.
 
+use cardiotwin_mechanics::organ::PassiveJob;
 use cardiotwin_schemas::task::OrganBeatSpec;
 use serde::{Deserialize, Serialize};
 
-use crate::finite_element::passive_order::PassiveOrder;
 use crate::finite_element::stored::About;
 
 /// Work for which rank 0 calls the other ranks. Rank 0 also sends them the mesh.
@@ -14,5 +14,5 @@ pub(crate) enum Call {
     /// Fibres and activation times.
     Tissue,
     /// Unloading and fit of a passive law.
-    PassiveState(Box<PassiveOrder>),
+    PassiveState(Box<PassiveJob>),
 }

@@ -16,7 +16,7 @@ impl Team {
             match call {
                 Call::Beat(spec, about) => organ_beat::serve(&spec, &about, self)?,
                 Call::Tissue => tissue::serve(self),
-                Call::PassiveState(order) => passive::serve(&order, self),
+                Call::PassiveState(job) => passive::serve(&job, self),
             }
         }
         Ok(())

@@ -82,7 +82,7 @@ impl Default for HolzapfelOgden {
 }
 
 /// Constants of Guccione's law. A cohort gives them as keys of the wall.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Guccione {
     /// Stiffness `C`, a factor on all stress \[kPa\].
     pub c_kpa: f64,
@@ -108,7 +108,7 @@ impl Guccione {
 }
 
 /// Constant of the neo-Hookean law.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct NeoHookean {
     /// Shear modulus `µ` \[kPa\].
     pub mu_kpa: f64,

@@ -12,6 +12,7 @@
 //! for both, which keeps it symmetric, and is off by the angle that the fibre turns by in the time `τ`: a thousandth or so.
 
 use cardiotwin_linalg::parallel::{Communicator, VectorLayout};
+use serde::{Deserialize, Serialize};
 
 use crate::body::{Body, Deformation};
 use crate::boundary::{Cavity, PressureSurface, Robin};
@@ -21,7 +22,7 @@ use crate::newton::Smallest;
 use crate::time_integration::{GeneralisedAlpha, Motion};
 
 /// Rayleigh's damping, proportional to mass and to stiffness.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Rayleigh {
     /// Coefficient α_M of the mass \[1/ms\].
     pub mass_per_ms: f64,

@@ -7,7 +7,6 @@ pub mod error;
 pub mod heart;
 pub mod motion;
 pub mod passive;
-pub(crate) mod passive_order;
 pub mod right_ventricle;
 pub mod rows;
 pub mod series;

@@ -4,12 +4,9 @@ use cardiotwin_linalg::parallel::ThreadSettings;
 use cardiotwin_mechanics::organ::{
     Anatomy, FoundState, PassiveJob, PassiveStateError, Piece, Search, UnloadingSettings, parts_of,
 };
-use cardiotwin_schemas::finite_element::WallSettings;
 
 use crate::call::Call;
 use crate::team::Team;
-
-pub use super::passive_order::PassiveOrder;
 
 /// Ranks that carry out a search.
 #[derive(Debug, Clone, Copy)]
@@ -29,13 +26,10 @@ impl<'a> Workers<'a> {
 
 /// Carries out a search on all workers if its solver supports ranks, otherwise on one.
 ///
-/// - `settings`: settings from which the job's wall was made, except for its law
-///
 /// # Errors
 /// [`PassiveStateError`] of the search.
 pub fn found(
     job: &PassiveJob,
-    settings: &WallSettings,
     anatomy: &Anatomy,
     workers: Workers<'_>,
     search: &mut Search<'_>,
@@ -43,9 +37,7 @@ pub fn found(
     match workers {
         Workers::Team(team) if team.n_ranks() > 1 && search.settings.are_for_ranks(anatomy) => {
             let parts = parts_of(anatomy, team.n_ranks())?;
-            let _session = team.begin(&Call::PassiveState(Box::new(PassiveOrder::of(
-                job, settings,
-            ))));
+            let _session = team.begin(&Call::PassiveState(Box::new(job.clone())));
             let piece = Piece::sent(anatomy, parts, team.shared_comm());
             job.run(&piece, search)
         }
@@ -56,9 +48,7 @@ pub fn found(
 
 /// Takes part in [`found`] on a rank other than 0. Errors are ignored here, because rank 0 reports
 /// them.
-pub(crate) fn serve(order: &PassiveOrder, team: &Team) {
+pub(crate) fn serve(job: &PassiveJob, team: &Team) {
     let piece = Piece::received(team.shared_comm());
-    let _ = order
-        .job()
-        .run(&piece, &mut Search::new(UnloadingSettings::on_ranks()));
+    let _ = job.run(&piece, &mut Search::new(UnloadingSettings::on_ranks()));
 }

@@ -5,59 +5,10 @@ use cardiotwin_schemas::finite_element::RightPressureSpec;
 use cardiotwin_signals::resample::STEP;
 use cardiotwin_signals::{Continuation, Quantity, resample};
 use cardiotwin_units::{MMHG_PER_KPA, Ms};
-use serde::{Deserialize, Serialize};
 
 use super::FiniteElementError;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
-
-/// Pressure over a cycle, as it is stored in a ventricle's file and sent between ranks.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct StoredRightPressure {
-    /// Times of the samples from the beginning of the beat.
-    pub time_ms: Vec<f64>,
-    /// Pressures at these times.
-    pub pressure_kpa: Vec<f64>,
-    /// Length of the cycle.
-    pub cycle_ms: f64,
-    /// Share of the left ventricle's pressure that acts in step 0.
-    pub per_left: f64,
-}
-
-impl From<&RightPressure> for StoredRightPressure {
-    fn from(right: &RightPressure) -> Self {
-        let PressureCourse {
-            time_ms,
-            kpa,
-            cycle_ms,
-        } = right.course.clone();
-        Self {
-            time_ms,
-            pressure_kpa: kpa,
-            cycle_ms,
-            per_left: right.per_left,
-        }
-    }
-}
-
-impl From<&StoredRightPressure> for RightPressure {
-    fn from(stored: &StoredRightPressure) -> Self {
-        let StoredRightPressure {
-            time_ms,
-            pressure_kpa,
-            cycle_ms,
-            per_left,
-        } = stored.clone();
-        Self {
-            course: PressureCourse {
-                time_ms,
-                kpa: pressure_kpa,
-                cycle_ms,
-            },
-            per_left,
-        }
-    }
-}
 
 /// Reads the right ventricle's pressure for a known end-diastolic pressure of the left ventricle.
 ///
@@ -138,8 +89,12 @@ mod tests {
                 "{t} ms"
             );
         }
+        let stored = serde_json::to_value(&right).unwrap();
+        for key in ["time_ms", "pressure_kpa", "cycle_ms", "per_left"] {
+            assert!(stored.get(key).is_some(), "{key}");
+        }
         assert_eq!(
-            RightPressure::from(&StoredRightPressure::from(&right)),
+            serde_json::from_value::<RightPressure>(stored).unwrap(),
             right
         );
         assert!(

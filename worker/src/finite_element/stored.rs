@@ -15,7 +15,6 @@ use cardiotwin_schemas::task::InputFile;
 use serde::{Deserialize, Serialize};
 
 use super::arrays::{Arrays, ArraysError};
-use super::right_ventricle::StoredRightPressure;
 use super::{FiniteElementError, wall};
 use crate::error::TaskError;
 use crate::inputs::read_verified;
@@ -40,16 +39,15 @@ pub struct About {
     pub is_own_mesh: bool,
     /// Pressure of the right ventricle, if the mesh has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub right_pressure: Option<StoredRightPressure>,
+    pub right_pressure: Option<RightPressure>,
 }
 
 impl About {
     /// Parameters of the wall, with an additional share of the active stress across the fibre.
     #[must_use]
     pub fn wall(&self, cross_fibre: f64) -> WallParameters {
-        let right_pressure = self.right_pressure.as_ref().map(RightPressure::from);
         WallParameters {
-            right_pressure,
+            right_pressure: self.right_pressure.clone(),
             ..wall::parameters(&self.wall, self.exponent_factor, cross_fibre)
         }
     }

@@ -16,7 +16,6 @@ use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::tags;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
 use cardiotwin_models::ventricle::GroupContraction;
-use cardiotwin_schemas::finite_element::WallSettings;
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Ms};
 
 use super::figures::{BenchError, Element, Ranks, failed};
@@ -199,13 +198,6 @@ fn inflated(
         }
     };
     let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
-    // All other settings of the wall are the defaults.
-    let found = found(
-        &job,
-        &WallSettings::default(),
-        anatomy,
-        workers,
-        &mut search,
-    );
+    let found = found(&job, anatomy, workers, &mut search);
     Ok(found.map_err(failed("no end-diastole"))?.end_diastole)
 }

@@ -3,6 +3,7 @@
 use cardiotwin_linalg::Pattern;
 use cardiotwin_linalg::parallel::Communicator;
 use cardiotwin_linalg::vec3::{cross, dot, norm, sub};
+use serde::{Deserialize, Serialize};
 
 use super::SurfaceError;
 use super::pressure::{Faces, PressureSurface};
@@ -12,7 +13,7 @@ use crate::linear::Assembled;
 pub const NOT_HERE: u32 = u32::MAX;
 
 /// Support of the pressure on the caps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ValvePlane {
     /// Pressure acts on the endocardium alone, as in the benchmarks.
     Open,

@@ -1,13 +1,14 @@
 //! Active stress along the fibre, with optional shares across it.
 
 use cardiotwin_vocabulary::passive_law::ActiveConvention;
+use serde::{Deserialize, Serialize};
 
 use super::tensor::{Sym, at};
 use super::{Load, MaterialError, Response};
 use crate::number::Real;
 
 /// How active stress acts in a tissue.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ActiveLaw {
     /// Stress tensor that the scalar multiplies.
     pub convention: ActiveConvention,

@@ -64,7 +64,7 @@ pub trait PassiveLaw: Copy {
 macro_rules! laws {
     ($($(#[doc = $doc:literal])* $law:ident;)*) => {
         /// A passive law of tissue.
-        #[derive(Debug, Clone, Copy, PartialEq)]
+        #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
         pub enum Law {
             $($(#[doc = $doc])* $law($law),)*
         }

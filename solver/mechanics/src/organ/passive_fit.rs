@@ -1,12 +1,14 @@
 //! Step 0: fits the passive law such that image, end-diastole and unloaded volume match the measurements.
 
+use serde::{Deserialize, Serialize};
+
 use super::passive_state::{PassiveState, PassiveStateError};
 use super::piece::Piece;
 use super::search::Search;
 use super::wall::WallParameters;
 
 /// Targets of the fit of the passive law.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum PassiveFit {
     /// The image is taken as unloaded and the stiffness is given, so that only end-diastole is sought.
     ImageUnloaded {

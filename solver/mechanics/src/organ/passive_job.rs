@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use cardiotwin_linalg::parallel::{Crew, RankFailure, ThreadRank, ThreadSettings, crew};
+use serde::{Deserialize, Serialize};
 
 use super::anatomy::Anatomy;
 use super::end_diastole::EndDiastole;
@@ -13,7 +14,7 @@ use super::search::Search;
 use super::wall::WallParameters;
 
 /// Task of step 0.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PassiveJob {
     /// The wall; the search begins with its passive law.
     pub wall: WallParameters,

@@ -1,5 +1,7 @@
 //! The right ventricle, where the mesh has one: passive tissue around a cavity of prescribed pressure.
 
+use serde::{Deserialize, Serialize};
+
 use super::triangles::Triangles;
 
 /// Endocardium of the right ventricle, and the parts of the rim that carry the valves of each ventricle.
@@ -35,20 +37,22 @@ impl RightVentricle {
 }
 
 /// Pressure in the right ventricle, in the beat and in step 0.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RightPressure {
     /// Pressure over the beat.
+    #[serde(flatten)]
     pub course: PressureCourse,
     /// Ratio of right to left ventricular pressure at end-diastole, at which step 0 loads both ventricles together.
     pub per_left: f64,
 }
 
 /// A periodic pressure, linear between its samples.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PressureCourse {
     /// Times of the samples from the beat's start \[ms\], ascending from zero.
     pub time_ms: Vec<f64>,
     /// Pressures at these times \[kPa\].
+    #[serde(rename = "pressure_kpa")]
     pub kpa: Vec<f64>,
     /// Length of a beat \[ms\].
     pub cycle_ms: f64,

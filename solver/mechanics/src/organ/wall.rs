@@ -3,6 +3,7 @@
 use cardiotwin_linalg::Pattern;
 use cardiotwin_linalg::parallel::{Communicator, Part};
 use cardiotwin_mesh::tet_mesh::surface_names;
+use serde::{Deserialize, Serialize};
 
 use super::anatomy::{Anatomy, Tets, Triangles};
 use super::right_ventricle::RightPressure;
@@ -14,7 +15,7 @@ use crate::time_integration::GeneralisedAlpha;
 
 /// Material, supports and damping of a left ventricle. [`WallParameters::default`] gives values for use without better
 /// knowledge; values without a source are our assumptions.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WallParameters {
     /// Passive law of the muscle.
     pub muscle: Law,
@@ -53,7 +54,7 @@ pub struct WallParameters {
 }
 
 /// A surface of the mesh on springs along its normal, at rest at end-diastole.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SprungSurface {
     /// Name of the surface in the mesh.
     pub name: String,
@@ -62,7 +63,7 @@ pub struct SprungSurface {
 }
 
 /// Non-contracting neo-Hookean tissue of one mesh tag.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PassiveTissue {
     /// Tag of its elements.
     pub tag: i32,
@@ -109,7 +110,7 @@ impl Default for WallParameters {
 }
 
 /// Springs and dashpots on a surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spring {
     /// Stiffness of the springs per area \[kPa/mm\].
     pub stiffness: f64,

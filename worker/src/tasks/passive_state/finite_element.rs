@@ -39,7 +39,7 @@ use super::passive_tags;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::finite_element::passive::{Workers, found};
-use crate::finite_element::right_ventricle::{self, StoredRightPressure};
+use crate::finite_element::right_ventricle;
 use crate::finite_element::stored::About;
 use crate::finite_element::{FiniteElementError, StoredVentricle, tissue, wall};
 
@@ -296,7 +296,6 @@ fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
 fn searched(
     anatomy: &Anatomy,
     job: &PassiveJob,
-    settings: &WallSettings,
     context: &mut Context,
 ) -> Result<FoundState, TaskError> {
     let team = context.team.clone();
@@ -316,7 +315,7 @@ fn searched(
         }
     };
     let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
-    found(job, settings, anatomy, workers, &mut search).map_err(|error| match error {
+    found(job, anatomy, workers, &mut search).map_err(|error| match error {
         PassiveStateError::Stopped => TaskError::Cancelled,
         error => TaskError::FiniteElement(error.into()),
     })
@@ -395,7 +394,7 @@ fn build(
             )
         });
         if n_nodes < last {
-            match searched(&anatomy, &job, &made_of.wall, context) {
+            match searched(&anatomy, &job, context) {
                 Ok(found) => (job.wall.muscle, job.slope) = (found.wall.muscle, found.slope),
                 Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
                 // If the small mesh has no law, the large one reports the error.
@@ -407,7 +406,7 @@ fn build(
         // same end-diastole, as in the reduced ventricle.
         job.wall.right_pressure.clone_from(&right);
         job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
-        let state = searched(&anatomy, &job, &spec.wall, context)?;
+        let state = searched(&anatomy, &job, context)?;
         let exponents = state
             .wall
             .muscle
@@ -511,7 +510,7 @@ pub(super) fn make(
             right.course.at(0.0) * MMHG_PER_KPA
         ));
     }
-    let stored_right = right.as_ref().map(StoredRightPressure::from);
+    let right_pressure = right.clone();
     let built = match build(
         &adapted,
         wall_ml,
@@ -614,7 +613,7 @@ pub(super) fn make(
             end_diastolic_pressure_kpa: found.pressure_kpa,
             surfaces: mesh.surfaces.iter().map(|s| s.name.clone()).collect(),
             is_own_mesh: spec.own_mesh.is_some(),
-            right_pressure: stored_right,
+            right_pressure,
         },
         activation_ms: times,
         unloaded: found.unloaded,
