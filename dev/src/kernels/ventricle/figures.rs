@@ -72,42 +72,16 @@ pub(super) fn reported<S: Serializer>(found: &Biomarkers, to: S) -> Result<S::Ok
     to.collect_map(REPORTED.map(|biomarker| (biomarker.key(), found.get(biomarker))))
 }
 
-/// A rank's part of the mesh and of the communication.
+/// A rank's part of the mesh, its communication in the beat and its memory.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[expect(non_snake_case, reason = "units in names")]
 pub struct OfRank {
-    /// Nodes that the rank owns.
-    pub nodes: u64,
-    /// Ghost nodes: nodes of other ranks that this rank holds.
-    pub ghosts: u64,
-    /// Elements that the rank computes.
-    pub elements: u64,
-    /// Number of ranks with which it exchanges halos.
-    pub neighbours: u64,
-    /// Halo messages that the rank sends during the beat.
-    pub halo_messages: u64,
-    /// Total size of these messages.
-    pub halo_MB: f64,
-    /// Reductions and broadcasts in which the rank takes part.
-    pub reductions: u64,
-    /// Largest resident memory of its process; `None` for a thread.
+    /// Part of the mesh and communication.
+    #[serde(flatten)]
+    pub figures: RankFigures,
+    /// Largest resident memory of the rank's process; `None` for a thread.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_memory_MB: Option<f64>,
-}
-
-impl OfRank {
-    pub(super) fn new(figures: &RankFigures, peak_memory_mb: Option<f64>) -> Self {
-        Self {
-            nodes: figures.nodes as u64,
-            ghosts: figures.ghosts as u64,
-            elements: figures.elements as u64,
-            neighbours: figures.neighbours as u64,
-            halo_messages: figures.halo_messages as u64,
-            halo_MB: 1e-6 * figures.halo_bytes,
-            reductions: figures.reductions as u64,
-            peak_memory_MB: peak_memory_mb,
-        }
-    }
 }
 
 /// A beat and its costs.
@@ -279,14 +253,14 @@ impl fmt::Display for VentricleTiming {
                     all().fold(0.0, f64::max),
                 )
             };
-            let (messages, most_messages) = of(|r| r.halo_messages as f64);
-            let (sent, most_sent) = of(|r| r.halo_MB);
-            let (ghosts, most_ghosts) = of(|r| r.ghosts as f64);
+            let (messages, most_messages) = of(|r| r.figures.halo_messages as f64);
+            let (sent, most_sent) = of(|r| 1e-6 * r.figures.halo_bytes as f64);
+            let (ghosts, most_ghosts) = of(|r| r.figures.ghosts as f64);
             writeln!(
                 f,
                 "a rank, mean and most: {ghosts:.0} and {most_ghosts:.0} ghosts, {messages:.0} and {most_messages:.0} halos sent, \
                  {sent:.1} and {most_sent:.1} MB in them; {} reductions; elements of the fullest rank {:.3} of an equal share",
-                self.ranks[0].reductions, self.elements_of_fullest_rank_over_share
+                self.ranks[0].figures.reductions, self.elements_of_fullest_rank_over_share
             )?;
         }
         let shown = |value: Option<f64>| {

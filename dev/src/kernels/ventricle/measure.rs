@@ -195,7 +195,7 @@ pub(super) fn measure(
     } = costs(ranks, before_mb, done.processor_seconds_total);
     let triad = triad_gb_per_s(n_ranks);
     let krylov = 1e-6 * bytes / ms_per_krylov_iteration;
-    let most = done.of_ranks.iter().map(|r| r.elements).fold(0.0, f64::max);
+    let most = done.of_ranks.iter().map(|r| r.elements).max().unwrap_or(0) as f64;
     let ranks = done
         .of_ranks
         .iter()
@@ -230,7 +230,10 @@ pub(super) fn measure(
         krylov_over_bandwidth_bound: triad / krylov,
         elements_of_fullest_rank_over_share: most * n_ranks as f64 / elements as f64,
         ranks: ranks
-            .map(|(figures, peak)| OfRank::new(figures, peak.copied().filter(|_| peaks.len() > 1)))
+            .map(|(figures, peak)| OfRank {
+                figures: *figures,
+                peak_memory_MB: peak.copied().filter(|_| peaks.len() > 1),
+            })
             .collect(),
         biomarkers,
         processor: processor(),

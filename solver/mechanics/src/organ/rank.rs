@@ -8,6 +8,7 @@ use std::sync::Arc;
 use cardiotwin_linalg::parallel::{Communicator, Counted, Part, Traffic, VectorLayout};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::{VentricleError, steps_before_the_beat};
+use serde::{Serialize, Serializer};
 
 use super::contraction::{NodeAverage, PointContraction, SharedModel};
 use super::end_diastole::EndDiastole;
@@ -182,22 +183,27 @@ impl Command {
 }
 
 /// Size of a rank's part and its communication so far.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct RankFigures {
     /// Nodes owned by the rank.
-    pub nodes: f64,
+    pub nodes: u64,
     /// Nodes of other ranks that the rank holds.
-    pub ghosts: f64,
+    pub ghosts: u64,
     /// Elements computed by the rank.
-    pub elements: f64,
+    pub elements: u64,
     /// Ranks with which it exchanges halos.
-    pub neighbours: f64,
+    pub neighbours: u64,
     /// Halo messages that the rank has sent.
-    pub halo_messages: f64,
-    /// Bytes in these messages.
-    pub halo_bytes: f64,
+    pub halo_messages: u64,
+    /// Bytes in these messages; serialised in MB.
+    #[serde(rename = "halo_MB", serialize_with = "megabytes")]
+    pub halo_bytes: u64,
     /// Reductions and broadcasts, all together.
-    pub reductions: f64,
+    pub reductions: u64,
+}
+
+fn megabytes<S: Serializer>(bytes: &u64, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_f64(1e-6 * *bytes as f64)
 }
 
 impl RankFigures {
@@ -564,13 +570,13 @@ impl OrganRank {
         let own: Vec<f64> = own.into_iter().map(|n| n as f64).chain(counts).collect();
         let all = self.comm().gather(&own).unwrap_or_default();
         let figures = |f: &Vec<f64>| RankFigures {
-            nodes: f[0],
-            ghosts: f[1],
-            elements: f[2],
-            neighbours: f[3],
-            halo_messages: f[4],
-            halo_bytes: f[5],
-            reductions: f[6],
+            nodes: f[0] as u64,
+            ghosts: f[1] as u64,
+            elements: f[2] as u64,
+            neighbours: f[3] as u64,
+            halo_messages: f[4] as u64,
+            halo_bytes: f[5] as u64,
+            reductions: f[6] as u64,
         };
         all.iter().map(figures).collect()
     }
