@@ -1,4 +1,6 @@
-//! Precision with which a measured trace determines fitted quantities.
+//! Precision with which a measured trace determines fitted quantities, and gaps that fits leave.
+
+use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -48,4 +50,21 @@ pub enum Determined {
     Poorly,
     /// The interval has only one end or none.
     Not,
+}
+
+/// A gap that no named effect explains.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct AfterloadUnexplained {
+    /// Fall of BIC when the gap is added to the model.
+    pub delta_bic: f64,
+    /// Number of harmonics of the beat that describe the gap.
+    pub n_harmonics: usize,
+    /// Root mean square of the gap.
+    #[serde(rename = "size_mmHg")]
+    pub size_mmhg: f64,
+    /// Time after the upstroke of the flow at which the gap is largest.
+    pub largest_at_ms: f64,
+    /// Share of the gap's variance that a cubic of each variable explains, by the variable's name.
+    pub depends_on: BTreeMap<String, f64>,
 }

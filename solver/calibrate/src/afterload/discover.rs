@@ -4,13 +4,14 @@
 use super::AfterloadError;
 use super::effects::{EFFECTS, Effect, HIDDEN};
 use super::held_out::Folds;
-use super::nameless::{self, Nameless};
+use super::nameless;
 use super::noise::{self, Scale};
 use super::problem::{Problem, TOLERANCE};
 use super::record::Record;
 use super::simulate::{Start, pressure};
 use crate::least_squares::Fit;
 use crate::normal;
+use cardiotwin_vocabulary::fits::AfterloadUnexplained;
 use cardiotwin_vocabulary::statistics::EffectiveSampleSize;
 
 /// Settings of a search.
@@ -84,7 +85,7 @@ pub struct Stage {
     /// Candidates with their evidence, best first.
     pub candidates: Vec<Candidate>,
     /// Nameless competitor of the candidates.
-    pub nameless: Nameless,
+    pub nameless: AfterloadUnexplained,
     /// Probability that nothing is missing.
     pub none_probability: f64,
     /// Probability of the nameless competitor.
@@ -135,7 +136,7 @@ pub struct Discovery {
     /// Effects that this record, or any record, cannot show: name and reason.
     pub not_identifiable: Vec<(&'static str, String)>,
     /// Remaining discrepancy that every beat repeats and no candidate explains.
-    pub unexplained: Option<Nameless>,
+    pub unexplained: Option<AfterloadUnexplained>,
     /// Misfits before and after the search.
     pub gap: Gap,
     /// R1, R2 (mmHg s/mL) and C (mL/mmHg) of the three elements alone.

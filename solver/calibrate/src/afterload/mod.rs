@@ -31,7 +31,6 @@ pub use discover::{
 pub use effects::{EFFECTS, Effect, HIDDEN, Kind};
 pub use ejected::ejected;
 pub use fit::fit_windkessel;
-pub use nameless::{Dependence, Nameless};
 pub use parameters::Parameter;
 pub use record::Record;
 pub use simulate::{Start, simulate};

@@ -6,36 +6,11 @@ use super::noise::Scale;
 use super::problem::{Problem, TOLERANCE};
 use super::record::Record;
 use crate::least_squares::{self, Fit};
+use cardiotwin_vocabulary::fits::AfterloadUnexplained;
 use nalgebra::{DMatrix, DVector};
 
 /// Numbers of harmonics to compare.
 const HARMONICS: [usize; 5] = [2, 4, 6, 9, 12];
-
-/// Relation between the discrepancy and a measured quantity.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Dependence {
-    /// Name of the quantity.
-    pub on: &'static str,
-    /// Share of the discrepancy's variance that a cubic of the quantity explains.
-    pub share: f64,
-}
-
-/// A discrepancy that no named effect explains.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Nameless {
-    /// Fall of BIC against the model without it.
-    pub delta_bic: f64,
-    /// Number of harmonics of the beat.
-    pub n_harmonics: usize,
-    /// Magnitude, root of the mean square, mmHg.
-    pub root_mean_square_mmhg: f64,
-    /// Misfit that remains with it, root of the mean square, mmHg.
-    pub remaining_mmhg: f64,
-    /// Time after the upstroke of the flow at which it is largest, ms.
-    pub largest_at_ms: f64,
-    /// Quantities that explain it, the largest share first.
-    pub depends_on: Vec<Dependence>,
-}
 
 /// Orthonormal columns: cosines and sines of the beat's phase at the samples that count.
 fn basis(record: &Record, counts: &[bool], n_harmonics: usize) -> DMatrix<f64> {
@@ -109,7 +84,7 @@ pub(super) fn describe(
     model: &Fit,
     found: &NamelessFit,
     delta_bic: f64,
-) -> Nameless {
+) -> AfterloadUnexplained {
     let record = problem.record;
     let n = record.n_samples();
     let basis = basis(record, &vec![true; n], found.n_harmonics);
@@ -138,21 +113,15 @@ pub(super) fn describe(
         ("rate of flow", &rate),
         ("pressure", &record.pressure),
     ];
-    let mut depends_on: Vec<Dependence> = leads
-        .into_iter()
-        .map(|(on, x)| Dependence {
-            on,
-            share: cubic_share(x, discrepancy.as_slice()),
-        })
-        .collect();
-    depends_on.sort_by(|a, b| b.share.total_cmp(&a.share));
-    Nameless {
+    AfterloadUnexplained {
         delta_bic,
         n_harmonics: found.n_harmonics,
-        root_mean_square_mmhg: (discrepancy.norm_squared() / n as f64).sqrt(),
-        remaining_mmhg: (found.fit.sum_of_squares / n as f64).sqrt(),
+        size_mmhg: (discrepancy.norm_squared() / n as f64).sqrt(),
         largest_at_ms: phase * record.cycle_ms(),
-        depends_on,
+        depends_on: leads
+            .into_iter()
+            .map(|(on, x)| (on.to_owned(), cubic_share(x, discrepancy.as_slice())))
+            .collect(),
     }
 }
 

@@ -4,11 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::afterload::{
-    Candidate, Discovery, DiscoverySettings, EFFECTS, Kind, Nameless, discover,
+    Candidate, Discovery, DiscoverySettings, EFFECTS, Kind, discover,
 };
 use cardiotwin_schemas::afterload::{
     AfterloadCandidate, AfterloadConfusable, AfterloadDiscovery, AfterloadEffect, AfterloadInOrgan,
-    AfterloadUnexplained,
 };
 use cardiotwin_schemas::organ::EffectSpec;
 
@@ -168,7 +167,7 @@ fn answer(measured: &Measured, found: &Discovery) -> AfterloadDiscovery {
             .iter()
             .map(|(n, why)| ((*n).to_owned(), why.clone()))
             .collect(),
-        unexplained: found.unexplained.as_ref().map(unexplained),
+        unexplained: found.unexplained.clone(),
         gap_before: found.gap.before_mmhg / pulse,
         gap_after: found.gap.after_mmhg / pulse,
         gap_heldout_before: found.gap.held_out_before_mmhg / pulse,
@@ -198,20 +197,6 @@ fn candidate(c: &Candidate, pulse: f64) -> AfterloadCandidate {
         interval,
         afterload: parameters(c.three),
         refused: c.refused.clone(),
-    }
-}
-
-fn unexplained(nameless: &Nameless) -> AfterloadUnexplained {
-    AfterloadUnexplained {
-        delta_bic: nameless.delta_bic,
-        n_harmonics: nameless.n_harmonics,
-        size_mmhg: nameless.root_mean_square_mmhg,
-        largest_at_ms: nameless.largest_at_ms,
-        depends_on: nameless
-            .depends_on
-            .iter()
-            .map(|d| (d.on.to_owned(), d.share))
-            .collect(),
     }
 }
 
