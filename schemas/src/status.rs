@@ -73,7 +73,7 @@ pub struct JobStatus {
 }
 
 /// Status of a patient: one row of the table.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PatientStatus {
     /// Pseudonym of the patient.
     pub patient: String,

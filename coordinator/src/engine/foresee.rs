@@ -51,7 +51,7 @@ pub async fn foresee(
             Patient::Working { step, .. } => Foreseen::GoesOn(*step),
             _ => Foreseen::Stays,
         };
-        foreseen.insert(PatientId(patient.row.patient.clone()), would);
+        foreseen.insert(PatientId(patient.row.status.patient.clone()), would);
     }
     Ok(foreseen)
 }

@@ -1,18 +1,15 @@
 //! Tables `patients` (narrow rows, for `status`) and `plans` (wide rows).
 
-use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::Patient;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// A row of `patients`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatientRow {
     /// Row id, by which the other tables refer to the patient.
     pub id: i64,
-    /// Pseudonym of the patient, unique in the run.
-    pub patient: String,
     /// Position in the cohort.
     pub position: i64,
     /// Whether the cohort still has this patient.
@@ -21,53 +18,11 @@ pub struct PatientRow {
     pub version: i64,
     /// State of the patient.
     pub state: Patient,
-    /// Columns shown in tables.
-    #[serde(flatten)]
-    pub shown: Shown,
+    /// Columns that `status` shows. The pseudonym is unique in the run; `for_s` is 0, since it
+    /// follows from `since_ms` when the row is read.
+    pub status: PatientStatus,
     /// Time since which the shown state is unchanged, milliseconds since 1970.
     pub since_ms: i64,
-}
-
-/// Columns that `status` shows of a patient.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Shown {
-    /// Name of the state: `waiting`, `running`, `done`, `failed`, `cancelled`, `unknown`.
-    pub word: String,
-    /// Step at which the patient is: `step-0`, …, `done`.
-    pub step: String,
-    /// Number of iterations of step 1 so far.
-    pub iteration: Option<u32>,
-    /// Largest number of iterations of step 1.
-    pub max_iterations: Option<u32>,
-    /// Best cost of step 1 so far.
-    pub step1_cost: Option<f64>,
-    /// Ending of step 1, such as `converged: iteration 3` or `stalled: best iteration 9`.
-    pub step1_quality: Option<String>,
-    /// Cost of step 2.
-    pub step2_cost: Option<f64>,
-    /// Class of the failure of a failed patient.
-    pub failure_class: Option<FailureClass>,
-    /// Remark for a person.
-    pub note: String,
-}
-
-impl Shown {
-    /// The status in the form of the schema; `for_s` is the time since the last change, s.
-    #[must_use]
-    pub fn status(self, patient: String, for_s: f64) -> PatientStatus {
-        PatientStatus {
-            patient,
-            step: self.step,
-            state: self.word,
-            iteration: self.iteration.zip(self.max_iterations),
-            step1_cost: self.step1_cost,
-            step1_quality: self.step1_quality,
-            step2_cost: self.step2_cost,
-            for_s,
-            failure_class: self.failure_class,
-            note: self.note,
-        }
-    }
 }
 
 /// A row of `plans`. Every column except the id is JSON in text.
@@ -97,18 +52,21 @@ pub struct ChainRow<'a> {
 pub(super) const INSERT: &str = "
 INSERT INTO patients (id, patient, position, active, version, word, step, iteration, max_iterations, step1_cost,
                       step1_quality, step2_cost, failure_class, note, since_ms, state)
-SELECT value->>'id', value->>'patient', value->>'position', value->>'active', value->>'version', value->>'word',
-       value->>'step', value->>'iteration', value->>'max_iterations', value->>'step1_cost', value->>'step1_quality',
-       value->>'step2_cost', value->>'failure_class', value->>'note', value->>'since_ms', value->'state'
+SELECT value->>'id', value->>'$.status.patient', value->>'position', value->>'active', value->>'version',
+       value->>'$.status.state', value->>'$.status.step', value->>'$.status.iteration[0]',
+       value->>'$.status.iteration[1]', value->>'$.status.step1_cost', value->>'$.status.step1_quality',
+       value->>'$.status.step2_cost', value->>'$.status.failure_class', value->>'$.status.note', value->>'since_ms',
+       value->'state'
 FROM json_each(?1)";
 
 pub(super) const UPDATE: &str = "
 UPDATE patients
 SET (position, active, version, word, step, iteration, max_iterations, step1_cost, step1_quality, step2_cost,
      failure_class, note, since_ms, state)
-  = (value->>'position', value->>'active', patients.version + 1, value->>'word', value->>'step', value->>'iteration',
-     value->>'max_iterations', value->>'step1_cost', value->>'step1_quality', value->>'step2_cost',
-     value->>'failure_class', value->>'note', value->>'since_ms', value->'state')
+  = (value->>'position', value->>'active', patients.version + 1, value->>'$.status.state', value->>'$.status.step',
+     value->>'$.status.iteration[0]', value->>'$.status.iteration[1]', value->>'$.status.step1_cost',
+     value->>'$.status.step1_quality', value->>'$.status.step2_cost', value->>'$.status.failure_class',
+     value->>'$.status.note', value->>'since_ms', value->'state')
 FROM json_each(?1) AS new
 WHERE patients.id = (new.value->>'id') AND patients.version = (new.value->>'version')";
 

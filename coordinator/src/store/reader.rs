@@ -385,10 +385,14 @@ impl Reader {
 
     async fn find(&self, patient: &PatientId) -> Result<PatientRow, StoreError> {
         let all = self.active_patients().await?;
-        let names: Vec<String> = all.iter().take(20).map(|row| row.patient.clone()).collect();
+        let names: Vec<String> = all
+            .iter()
+            .take(20)
+            .map(|row| row.status.patient.clone())
+            .collect();
         let more = if all.len() > names.len() { ", …" } else { "" };
         all.into_iter()
-            .find(|row| row.patient == patient.0)
+            .find(|row| row.status.patient == patient.0)
             .ok_or_else(|| StoreError::NoPatient {
                 patient: patient.clone(),
                 known: names.join(", ") + more,
@@ -419,7 +423,10 @@ impl Reader {
 
 fn status_of(row: PatientRow, now_ms: i64) -> PatientStatus {
     let for_s = (now_ms - row.since_ms).max(0) as f64 / 1000.0;
-    row.shown.status(row.patient, for_s)
+    PatientStatus {
+        for_s,
+        ..row.status
+    }
 }
 
 fn step_of(row: &SqliteRow) -> Result<Step, StoreError> {
@@ -458,8 +465,8 @@ fn plan_and_chain(
         wide.get("chain"),
     );
     Ok((
-        parse(&plan, "plans", "plan", &row.patient)?,
-        parse(&chain, "plans", "chain", &row.patient)?,
+        parse(&plan, "plans", "plan", &row.status.patient)?,
+        parse(&chain, "plans", "chain", &row.status.patient)?,
     ))
 }
 

@@ -6,23 +6,24 @@ use std::process::Command;
 use sqlx::Connection as _;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 
-use super::patients::{PatientRow, PlanRow, Shown};
+use super::patients::{PatientRow, PlanRow};
 use super::{Batch, DATABASE_FILE, Reader, StoreError, Writer};
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::patient::Patient;
 
 fn patient(id: i64, version: i64) -> PatientRow {
     PatientRow {
         id,
-        patient: format!("P{id}"),
         position: id,
         active: true,
         version,
         state: Patient::Waiting,
-        shown: Shown {
-            word: "waiting".into(),
+        status: PatientStatus {
+            patient: format!("P{id}"),
             step: "-".into(),
-            ..Shown::default()
+            state: "waiting".into(),
+            ..PatientStatus::default()
         },
         since_ms: 0,
     }

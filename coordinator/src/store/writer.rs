@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::{Stage, Step};
 use serde::de::DeserializeOwned;
@@ -17,7 +18,7 @@ use super::cluster_jobs::{Allotment, JobRow};
 use super::lease::Lease;
 use super::open::DATABASE_FILE;
 use super::outbox::Action;
-use super::patients::{PatientRow, PlanRow, Shown};
+use super::patients::{PatientRow, PlanRow};
 use super::tasks::TaskRow;
 use super::{
     StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, steps, tasks,
@@ -379,17 +380,19 @@ pub(super) fn patient_row(row: &SqliteRow) -> Result<PatientRow, StoreError> {
         .map(|c| parse(&format!("\"{c}\""), "patients", "failure_class", &patient))
         .transpose()?;
     let state: String = row.get("state");
+    let iteration: Option<u32> = row.get("iteration");
     Ok(PatientRow {
         id: row.get("id"),
         position: row.get("position"),
         active: row.get("active"),
         version: row.get("version"),
         state: parse(&state, "patients", "state", &patient)?,
-        shown: Shown {
-            word: row.get("word"),
+        status: PatientStatus {
+            patient,
             step: row.get("step"),
-            iteration: row.get("iteration"),
-            max_iterations: row.get("max_iterations"),
+            state: row.get("word"),
+            iteration: iteration.zip(row.get("max_iterations")),
+            for_s: 0.0,
             step1_cost: row.get("step1_cost"),
             step1_quality: row.get("step1_quality"),
             step2_cost: row.get("step2_cost"),
@@ -397,6 +400,5 @@ pub(super) fn patient_row(row: &SqliteRow) -> Result<PatientRow, StoreError> {
             note: row.get("note"),
         },
         since_ms: row.get("since_ms"),
-        patient,
     })
 }

@@ -119,7 +119,7 @@ impl Books {
     /// Selects the active patients whose names are wanted: this run works on them.
     pub fn select(&mut self, is_wanted: impl Fn(&str) -> bool) {
         for patient in &mut self.patients {
-            patient.selected = patient.row.active && is_wanted(&patient.row.patient);
+            patient.selected = patient.row.active && is_wanted(&patient.row.status.patient);
         }
     }
 

@@ -16,6 +16,7 @@ use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::progress::Claim;
+use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_workflow::attempt::{Attempt, AttemptAction, AttemptEvent};
 use cardiotwin_workflow::chain::Chain;
@@ -124,7 +125,7 @@ impl Books {
         for (row, plan_row, chain) in loaded.patients {
             let carried =
                 serde_json::from_str(&plan_row.carried).map_err(|source| EngineError::Plan {
-                    patient: row.patient.clone(),
+                    patient: row.status.patient.clone(),
                     source,
                 })?;
             let steps = steps.remove(&row.id).unwrap_or_default();
@@ -179,7 +180,7 @@ impl Books {
             by_name: patients
                 .iter()
                 .enumerate()
-                .map(|(i, p)| (p.row.patient.clone(), i))
+                .map(|(i, p)| (p.row.status.patient.clone(), i))
                 .collect(),
             by_id: patients
                 .iter()
@@ -214,7 +215,7 @@ impl Books {
         let plan =
             serde_json::from_str(row.plan.as_ref().unwrap_or(&row.given)).map_err(|source| {
                 EngineError::Plan {
-                    patient: patient.row.patient.clone(),
+                    patient: patient.row.status.patient.clone(),
                     source,
                 }
             })?;
@@ -237,12 +238,14 @@ impl Books {
         self.patients.push(PatientEntry {
             row: PatientRow {
                 id,
-                patient: name.to_owned(),
                 position,
                 active: true,
                 version: 1,
                 state: Patient::Waiting,
-                shown: Default::default(),
+                status: PatientStatus {
+                    patient: name.to_owned(),
+                    ..PatientStatus::default()
+                },
                 since_ms: self.now_ms,
             },
             plan_row: PlanRow {

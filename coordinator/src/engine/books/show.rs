@@ -1,10 +1,10 @@
 //! Columns of a patient in tables.
 
 use super::Books;
-use crate::store::patients::Shown;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
 use cardiotwin_schemas::record::Step1Quality;
+use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use cardiotwin_workflow::task::Task;
@@ -14,23 +14,27 @@ impl Books {
     pub fn show(&mut self, i: usize) {
         let shown = self.shown(i);
         let row = &mut self.patients[i].row;
-        let place = |s: &Shown| (s.word.clone(), s.step.clone(), s.iteration);
-        if place(&shown) != place(&row.shown) {
+        let place = |s: &PatientStatus| {
+            let iteration = s.iteration.map(|(n, _)| n);
+            (s.state.clone(), s.step.clone(), iteration)
+        };
+        if place(&shown) != place(&row.status) {
             row.since_ms = self.now_ms;
         }
-        row.shown = shown;
+        row.status = shown;
     }
 
-    fn shown(&self, i: usize) -> Shown {
+    fn shown(&self, i: usize) -> PatientStatus {
         let patient = &self.patients[i];
         let (chain, state) = (&patient.chain, &patient.row.state);
-        let mut shown = Shown {
-            word: state.word().to_owned(),
+        let mut shown = PatientStatus {
+            patient: patient.row.status.patient.clone(),
             step: state.step().map_or_else(|| "-".to_owned(), column),
+            state: state.word().to_owned(),
             step1_cost: chain.best_cost(),
             step1_quality: chain.step1.as_ref().map(ToString::to_string),
             step2_cost: chain.step2_cost,
-            ..Shown::default()
+            ..PatientStatus::default()
         };
         if let Ok(plan) = self.plan(i)
             && plan.workflow == Workflow::Personalise
@@ -39,9 +43,10 @@ impl Books {
                 .step()
                 .filter(|s| matches!(s.stage, Stage::Step1 | Stage::Step1Proposal))
                 .map_or(0, |s| s.number);
-            shown.iteration = Some(running.max(chain.iterations.len() as u32));
-            shown.max_iterations =
-                Some(patient.carried.len() as u32 + plan.settings.step1.max_iterations);
+            shown.iteration = Some((
+                running.max(chain.iterations.len() as u32),
+                patient.carried.len() as u32 + plan.settings.step1.max_iterations,
+            ));
         }
         match state {
             Patient::Waiting => {
@@ -53,7 +58,7 @@ impl Books {
             Patient::Deciding { .. } => {}
             Patient::Working { step, task } => {
                 let (word, note) = self.at_work(patient.row.id, task);
-                shown.word = word.to_owned();
+                shown.state = word.to_owned();
                 let proposes = note.is_empty()
                     && matches!(step.stage, Stage::Step1Proposal | Stage::Step3Proposal);
                 shown.note = if proposes {

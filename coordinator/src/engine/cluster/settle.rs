@@ -92,7 +92,7 @@ impl<S: Scheduler> Cluster<S> {
                 || interrupted
                     .as_ref()
                     .is_some_and(|a| folder::has_checkpoint(&self.books.directory(a)));
-            let id = PatientId(self.books.patient(i).row.patient.clone());
+            let id = PatientId(self.books.patient(i).row.status.patient.clone());
             standings.push(Standing {
                 i,
                 placed,
@@ -250,7 +250,7 @@ impl<S: Scheduler> Cluster<S> {
                 (allotment.infrastructure, allotment.free) = (spent.infrastructure, spent.free);
                 allotment.why = said(&why);
                 let event = crate::engine::EngineEvent::AttemptFailed {
-                    patient: PatientId(self.books.patient(i).row.patient.clone()),
+                    patient: PatientId(self.books.patient(i).row.status.patient.clone()),
                     step: self
                         .books
                         .patient(i)
@@ -333,7 +333,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     fn cancelled_by_person(&mut self, i: usize, job: &str) -> Result<(), EngineError> {
-        let patient = PatientId(self.books.patient(i).row.patient.clone());
+        let patient = PatientId(self.books.patient(i).row.status.patient.clone());
         let text = format!("{patient}: a person cancelled job {job}; cancelled until `retry`");
         self.decider.request(
             &mut self.books,

@@ -64,7 +64,7 @@ impl Decider {
             }
             books.task_event(&made, TaskEvent::Purged)?;
             found = Inputs::Reopened;
-            let patient = PatientId(books.patient(i).row.patient.clone());
+            let patient = PatientId(books.patient(i).row.status.patient.clone());
             let name = path
                 .strip_prefix(books.run_dir())
                 .unwrap_or(&path)

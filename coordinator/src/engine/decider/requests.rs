@@ -69,7 +69,7 @@ impl Decider {
         }
         Ok(vec![format!(
             "{} cancelled{at}",
-            books.patient(i).row.patient
+            books.patient(i).row.status.patient
         )])
     }
 
@@ -80,7 +80,7 @@ impl Decider {
         from: Stage,
         overrides: &SettingsLayer,
     ) -> Result<Vec<String>, EngineError> {
-        let name = books.patient(i).row.patient.clone();
+        let name = books.patient(i).row.status.patient.clone();
         let bad = |message: String| EngineError::Request { message };
         let unread = |source| EngineError::Plan {
             patient: name.clone(),
@@ -144,7 +144,7 @@ impl Decider {
     }
 
     fn retry(&mut self, books: &mut Books, i: usize) -> Result<Vec<String>, EngineError> {
-        let name = books.patient(i).row.patient.clone();
+        let name = books.patient(i).row.status.patient.clone();
         let steps = &books.patient(i).steps;
         let mut failed: Vec<(Step, TaskKey)> = steps
             .iter()
@@ -194,7 +194,7 @@ fn find(books: &Books, patient: &PatientId) -> Result<usize, EngineError> {
                 .iter()
                 .filter(|p| p.row.active)
                 .take(20)
-                .map(|p| p.row.patient.as_str())
+                .map(|p| p.row.status.patient.as_str())
                 .collect();
             EngineError::Request {
                 message: format!(

@@ -74,7 +74,7 @@ impl Decider {
     pub(super) fn overrides(&self, books: &Books, i: usize) -> Result<SettingsLayer, EngineError> {
         let patient = books.patient(i);
         serde_json::from_str(&patient.plan_row.overrides).map_err(|source| EngineError::Plan {
-            patient: patient.row.patient.clone(),
+            patient: patient.row.status.patient.clone(),
             source,
         })
     }
@@ -155,7 +155,7 @@ impl Decider {
             return Ok(());
         }
         if let Some(step) = published {
-            let patient = PatientId(books.patient(i).row.patient.clone());
+            let patient = PatientId(books.patient(i).row.status.patient.clone());
             let note = note(books, i, step);
             let step = step.to_string();
             let event = EngineEvent::TaskPublished {
@@ -196,7 +196,7 @@ impl Decider {
             books.link(i, step, &key);
         }
         let patient = books.patient(i);
-        let id = PatientId(patient.row.patient.clone());
+        let id = PatientId(patient.row.status.patient.clone());
         if patient.chain != evaluation.chain {
             if let Some(summary) = evaluation
                 .chain
@@ -302,7 +302,7 @@ impl Decider {
 
     pub(super) fn ended(&mut self, books: &Books, i: usize, ending: PatientEnding) {
         self.over += 1;
-        let patient = PatientId(books.patient(i).row.patient.clone());
+        let patient = PatientId(books.patient(i).row.status.patient.clone());
         self.events.push(EngineEvent::PatientEnded {
             patient,
             ending,
@@ -408,7 +408,7 @@ impl Decider {
         let published = matches!(task.state, Task::Published { .. });
         let waiters = task.waiters.clone();
         for &i in &waiters {
-            let patient = PatientId(books.patient(i).row.patient.clone());
+            let patient = PatientId(books.patient(i).row.status.patient.clone());
             let step = books
                 .patient(i)
                 .row

@@ -192,7 +192,7 @@ impl<E: Executor> LocalLoop<E> {
         };
         let row = &self.books.patient(i).row;
         self.decider.tell(EngineEvent::Progress {
-            patient: PatientId(row.patient.clone()),
+            patient: PatientId(row.status.patient.clone()),
             step: row
                 .state
                 .step()
@@ -271,7 +271,7 @@ impl<E: Executor> LocalLoop<E> {
             for i in waiters {
                 let row = &self.books.patient(i).row;
                 self.decider.tell(EngineEvent::TaskStarted {
-                    patient: PatientId(row.patient.clone()),
+                    patient: PatientId(row.status.patient.clone()),
                     step: row
                         .state
                         .step()
