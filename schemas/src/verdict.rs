@@ -6,7 +6,7 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::Biomarkers;
+use crate::biomarkers::{Biomarker, Biomarkers};
 
 /// Largest relative differences at which a twin counts as personalised, percent of the measured
 /// value.
@@ -48,15 +48,15 @@ impl Default for TwinTolerances {
 }
 
 impl TwinTolerances {
-    /// Name and tolerance of each biomarker.
+    /// Tolerance of each biomarker.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 5] {
+    pub fn of_biomarkers(&self) -> [(Biomarker, f64); 5] {
         [
-            ("P_max", self.p_max),
-            ("dPdt_max", self.dpdt_max),
-            ("dPdt_min", self.dpdt_min),
-            ("PTD90", self.ptd90),
-            ("SV", self.sv),
+            (Biomarker::PMax, self.p_max),
+            (Biomarker::DpdtMax, self.dpdt_max),
+            (Biomarker::DpdtMin, self.dpdt_min),
+            (Biomarker::Ptd90, self.ptd90),
+            (Biomarker::Sv, self.sv),
         ]
     }
 }
@@ -77,27 +77,15 @@ impl Verdict {
     /// counts with a difference of 100 %.
     #[must_use]
     pub fn of(measured: &Biomarkers, simulated: &Biomarkers, tolerances: &TwinTolerances) -> Self {
-        let values = |b: &Biomarkers| {
-            [
-                b.p_max_mmhg,
-                b.dpdt_max_mmhg_per_ms,
-                b.dpdt_min_mmhg_per_ms,
-                b.ptd90_ms,
-                b.sv_ml,
-            ]
-        };
-        let rows = tolerances
-            .named()
+        let off_percent: BTreeMap<String, f64> = tolerances
+            .of_biomarkers()
             .into_iter()
-            .zip(values(measured))
-            .zip(values(simulated));
-        let off_percent: BTreeMap<String, f64> = rows
-            .filter_map(|(((name, tolerance), measured), simulated)| {
-                let measured = measured?;
-                let off = simulated.map_or(-100.0, |simulated| {
+            .filter_map(|(biomarker, tolerance)| {
+                let measured = measured.get(biomarker)?;
+                let off = simulated.get(biomarker).map_or(-100.0, |simulated| {
                     100.0 * (simulated - measured) / measured
                 });
-                (off.is_nan() || off.abs() > tolerance).then(|| (name.to_owned(), off))
+                (off.is_nan() || off.abs() > tolerance).then(|| (biomarker.name().to_owned(), off))
             })
             .collect();
         Self {

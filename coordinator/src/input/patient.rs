@@ -466,37 +466,24 @@ impl Values<'_> {
 
     fn biomarkers(&mut self, b: &Biomarkers, cycle_ms: f64) {
         let longest_ms = if cycle_ms > 0.0 { cycle_ms } else { 3000.0 };
-        let rows: [(&str, Option<f64>, f64, f64, &str); 10] = [
-            ("P_max_mmHg", b.p_max_mmhg, 20.0, 400.0, "mmHg"),
-            (
-                "dPdt_max_mmHg_per_ms",
-                b.dpdt_max_mmhg_per_ms,
-                0.05,
-                20.0,
-                "mmHg/ms",
-            ),
-            (
-                "dPdt_min_mmHg_per_ms",
-                b.dpdt_min_mmhg_per_ms,
-                -20.0,
-                -0.05,
-                "mmHg/ms",
-            ),
-            ("PTD90_ms", b.ptd90_ms, 20.0, longest_ms, "ms"),
-            ("SV_mL", b.sv_ml, 1.0, 500.0, "mL"),
-            ("tau_VD_ms", b.tau_vd_ms, 1.0, longest_ms, "ms"),
-            ("tau_VR_ms", b.tau_vr_ms, 1.0, longest_ms, "ms"),
-            ("EDV_mL", b.edv_ml, 5.0, 1000.0, "mL"),
-            ("ESV_mL", b.esv_ml, 0.5, 1000.0, "mL"),
-            ("EDP_mmHg", b.edp_mmhg, -10.0, 60.0, "mmHg"),
-        ];
-        for (name, value, low, high, unit) in rows {
+        for (biomarker, low, high) in [
+            (Biomarker::PMax, 20.0, 400.0),
+            (Biomarker::DpdtMax, 0.05, 20.0),
+            (Biomarker::DpdtMin, -20.0, -0.05),
+            (Biomarker::Ptd90, 20.0, longest_ms),
+            (Biomarker::Sv, 1.0, 500.0),
+            (Biomarker::TauVd, 1.0, longest_ms),
+            (Biomarker::TauVr, 1.0, longest_ms),
+            (Biomarker::Edv, 5.0, 1000.0),
+            (Biomarker::Esv, 0.5, 1000.0),
+            (Biomarker::Edp, -10.0, 60.0),
+        ] {
             self.range(
-                &format!("measured.biomarkers.{name}"),
-                value,
+                &format!("measured.biomarkers.{biomarker}"),
+                b.get(biomarker),
                 low,
                 high,
-                unit,
+                biomarker.unit(),
             );
         }
     }

@@ -139,6 +139,13 @@ impl Biomarker {
         self.label().unit
     }
 
+    /// Key without its unit, for example `P_max`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        let unit = self.unit().replace('/', "_per_");
+        self.key().trim_end_matches(&unit).trim_end_matches('_')
+    }
+
     /// Keys of [`Self::OF_COST`], in its order.
     pub const COST_KEYS: [&'static str; Self::OF_COST.len()] = keys(Self::OF_COST);
     /// Keys of [`Self::OF_ORGAN`], in its order.
@@ -359,11 +366,8 @@ mod tests {
             assert_eq!(written[biomarker.key()], f64::from(n), "{biomarker}");
             assert_eq!(biomarkers.get(biomarker), Some(f64::from(n)));
             assert_eq!(Biomarker::named(biomarker.key()), Some(biomarker));
-            assert!(
-                biomarker
-                    .key()
-                    .ends_with(&biomarker.unit().replace('/', "_per_"))
-            );
+            let unit = biomarker.unit().replace('/', "_per_");
+            assert_eq!(biomarker.key(), format!("{}_{unit}", biomarker.name()));
         }
     }
 

@@ -4,6 +4,7 @@
 use crate::forward::Prediction;
 use crate::noise::slopes;
 use crate::problem::{Data, Problem};
+use cardiotwin_vocabulary::biomarkers::Biomarker;
 use cardiotwin_vocabulary::findings::{Place, Side};
 use serde::{Deserialize, Serialize};
 
@@ -142,7 +143,7 @@ impl Phases {
 fn place(
     (signal, phase): (&str, &str),
     (size, sd, share): (f64, f64, f64),
-    biomarkers: &[&str],
+    biomarkers: &[Biomarker],
 ) -> Place {
     let unit = match signal {
         "pressure_rate" => "mmHg/s",
@@ -157,23 +158,25 @@ fn place(
         unit: unit.to_owned(),
         z: size / sd,
         share,
-        biomarkers: biomarkers.iter().map(|name| (*name).to_owned()).collect(),
+        biomarkers: biomarkers.iter().map(|b| b.name().to_owned()).collect(),
     }
 }
 
 /// Biomarkers that a signal in a phase affects.
-fn biomarkers(signal: &str, phase: usize) -> &'static [&'static str] {
+fn biomarkers(signal: &str, phase: usize) -> &'static [Biomarker] {
+    use Biomarker::{DpdtMax, DpdtMin, Edp, Edv, PMax, Ptd90, Sv, TauVd, TauVr};
+
     match (signal, phase) {
-        ("pressure", 0) => &["dPdt_max", "PTD90"],
-        ("pressure", 1 | 2) => &["P_max"],
-        ("pressure", 3) => &["dPdt_min", "PTD90"],
-        ("pressure", 6) => &["EDP"],
-        ("volume", 0) => &["EDV", "SV", "tau_VD"],
-        ("volume", 1) => &["tau_VD"],
-        ("volume", 2) => &["tau_VD", "SV"],
-        ("volume", 3) => &["SV"],
-        ("volume", 4 | 5) => &["tau_VR"],
-        ("volume", 6) => &["EDV", "SV"],
+        ("pressure", 0) => &[DpdtMax, Ptd90],
+        ("pressure", 1 | 2) => &[PMax],
+        ("pressure", 3) => &[DpdtMin, Ptd90],
+        ("pressure", 6) => &[Edp],
+        ("volume", 0) => &[Edv, Sv, TauVd],
+        ("volume", 1) => &[TauVd],
+        ("volume", 2) => &[TauVd, Sv],
+        ("volume", 3) => &[Sv],
+        ("volume", 4 | 5) => &[TauVr],
+        ("volume", 6) => &[Edv, Sv],
         _ => &[],
     }
 }
@@ -210,7 +213,7 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
         }
     }
     let side = &data.measured.side;
-    let mut scalar = |name: &str, measured: f64, model: f64, sd: f64, biomarkers: &[&str]| {
+    let mut scalar = |name: &str, measured: f64, model: f64, sd: f64, biomarkers: &[Biomarker]| {
         let size = measured - model;
         let share = (size / sd).powi(2);
         places.push(place((name, "beat"), (size, sd, share), biomarkers));
@@ -221,7 +224,7 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
             cuff.systolic.value,
             beat.systolic_mmhg,
             cuff.systolic.sd,
-            &["P_max"],
+            &[Biomarker::PMax],
         );
         scalar(
             "cuff_diastolic",
@@ -237,7 +240,7 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
             v.value,
             beat.forward_stroke_volume_ml,
             v.sd,
-            &["SV"],
+            &[Biomarker::Sv],
         );
     }
     if let Some(w) = side.whole_heart {
@@ -246,7 +249,7 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
             w.volume.value,
             beat.at(&beat.true_volume_ml, w.time_ms),
             w.volume.sd,
-            &["EDV"],
+            &[Biomarker::Edv],
         );
     }
     let total: f64 = places.iter().map(|p| p.share).sum();
@@ -267,7 +270,7 @@ fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
         d.min(cycle - d)
     };
     let mut rows = Vec::new();
-    let mut row = |signal: &str, phase: &str, size: f64, sd: f64, biomarker: &str| {
+    let mut row = |signal: &str, phase: &str, size: f64, sd: f64, biomarker: Biomarker| {
         rows.push(place((signal, phase), (size, sd, 0.0), &[biomarker]));
     };
     for (name, signal, trace, width, biomarker) in [
@@ -276,14 +279,14 @@ fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
             &data.pressure,
             &beat.pressure_mmhg,
             12.0,
-            "EDP",
+            Biomarker::Edp,
         ),
         (
             "end_diastolic_volume",
             &data.volume,
             &beat.volume_ml,
             35.0,
-            "EDV",
+            Biomarker::Edv,
         ),
     ] {
         let inside: Vec<usize> = (0..signal.len())
@@ -316,8 +319,8 @@ fn derived(data: &Data, beat: &Prediction, phases: &Phases) -> Vec<Place> {
     let tau = data.levels.pressure_correlation_ms;
     let sd = data.levels.pressure_rms_mmhg * (2.0 * (1.0 - (-16.0 / tau).exp())).sqrt() / 16.0;
     for (phase, sign, biomarker) in [
-        ("isovolumic_contraction", 1.0, "dPdt_max"),
-        ("isovolumic_relaxation", -1.0, "dPdt_min"),
+        ("isovolumic_contraction", 1.0, Biomarker::DpdtMax),
+        ("isovolumic_relaxation", -1.0, Biomarker::DpdtMin),
     ] {
         let largest = |v: &[f64]| v.iter().fold(f64::MIN, |m, x| m.max(sign * x));
         row(

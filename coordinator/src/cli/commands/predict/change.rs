@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::organ::{
     CELL_PARAMETERS, ContractionSpec, VALVE_PARAMETERS, cell_default, is_parameter,
 };
@@ -48,20 +49,6 @@ const UNSAYABLE: [(&str, &str); 7] = [
         "initial_windkessel_pressure_mmHg",
         "the periodic state does not depend on it",
     ),
-];
-
-/// Quantities that result from a beat.
-const OUTCOMES: [&str; 10] = [
-    "P_max_mmHg",
-    "dPdt_max_mmHg_per_ms",
-    "dPdt_min_mmHg_per_ms",
-    "PTD90_ms",
-    "SV_mL",
-    "EDV_mL",
-    "ESV_mL",
-    "EDP_mmHg",
-    "tau_VD_ms",
-    "tau_VR_ms",
 ];
 
 /// New value, or change in percent of the twin's value.
@@ -131,7 +118,7 @@ fn known(key: &str) -> Result<(), String> {
     if let Some((_, reason)) = UNSAYABLE.iter().find(|(name, _)| *name == key) {
         return Err(format!("{key}: {reason}"));
     }
-    if OUTCOMES.contains(&key) {
+    if Biomarker::named(key).is_some() {
         return Err(format!(
             "{key}: is a result of the beat; change one of its causes, such as {}",
             LOADS[3]

@@ -2,10 +2,22 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 
 /// Work of one mmHg·mL \[mJ\].
 const MJ_PER_MMHG_ML: f64 = 0.133_322_4;
+
+/// Biomarkers among the indices, in the order of the table.
+const OF_BEAT: [Biomarker; 8] = [
+    Biomarker::PMax,
+    Biomarker::Edp,
+    Biomarker::DpdtMax,
+    Biomarker::DpdtMin,
+    Biomarker::Ptd90,
+    Biomarker::Edv,
+    Biomarker::Esv,
+    Biomarker::Sv,
+];
 
 /// Traces of one beat.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -76,15 +88,7 @@ pub fn indices(
     let extreme = |of: fn(f64, f64) -> f64| aorta.iter().copied().reduce(of);
     let mean = (!aorta.is_empty()).then(|| aorta.iter().sum::<f64>() / aorta.len() as f64);
     let sv = biomarkers.sv_ml;
-    [
-        ("P_max_mmHg", biomarkers.p_max_mmhg),
-        ("EDP_mmHg", biomarkers.edp_mmhg),
-        ("dPdt_max_mmHg_per_ms", biomarkers.dpdt_max_mmhg_per_ms),
-        ("dPdt_min_mmHg_per_ms", biomarkers.dpdt_min_mmhg_per_ms),
-        ("PTD90_ms", biomarkers.ptd90_ms),
-        ("EDV_mL", biomarkers.edv_ml),
-        ("ESV_mL", biomarkers.esv_ml),
-        ("SV_mL", sv),
+    let derived = [
         (
             "ejection_fraction",
             sv.zip(biomarkers.edv_ml).map(|(sv, edv)| sv / edv),
@@ -100,10 +104,13 @@ pub fn indices(
         ("aortic_systolic_mmHg", extreme(f64::max)),
         ("aortic_diastolic_mmHg", extreme(f64::min)),
         ("aortic_mean_mmHg", mean),
-    ]
-    .into_iter()
-    .filter_map(|(name, value)| Some((name, value?)))
-    .collect()
+    ];
+    OF_BEAT
+        .map(|biomarker| (biomarker.key(), biomarkers.get(biomarker)))
+        .into_iter()
+        .chain(derived)
+        .filter_map(|(name, value)| Some((name, value?)))
+        .collect()
 }
 
 #[cfg(test)]
