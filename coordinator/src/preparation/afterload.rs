@@ -2,11 +2,12 @@
 //! measured flow or the fall of the volume in ejection.
 
 use cardiotwin_calibrate::afterload::{
-    CuffFit, CuffPressures, Record, Start, WindkesselFit, WindkesselFitSettings, ejected, fit_cuff,
-    fit_windkessel,
+    AfterloadError, CuffFit, CuffPressures, Record, Start, WindkesselFit, WindkesselFitSettings,
+    ejected, fit_cuff, fit_windkessel,
 };
 use cardiotwin_recordings::prepare::Prepared;
 use cardiotwin_schemas::organ::WindkesselParameters;
+use cardiotwin_signals::resample::ResampleError;
 use cardiotwin_signals::{Continuation, Quantity, Trace, resample};
 use cardiotwin_units::Ms;
 
@@ -25,14 +26,24 @@ pub struct EjectionFlow {
     pub step_ms: f64,
 }
 
+/// Reasons why a volume trace gives no flow.
+#[derive(Debug, thiserror::Error)]
+pub enum EjectionFlowError {
+    /// The trace cannot be resampled.
+    #[error(transparent)]
+    Resample(#[from] ResampleError),
+    /// The volume does not fall.
+    #[error(transparent)]
+    Ejection(#[from] AfterloadError),
+}
+
 /// Flow from the fall of a volume trace in ejection, sampled every ms.
 ///
 /// # Errors
-/// A message if the trace cannot be resampled or the volume does not fall.
-pub fn ejection_flow(volume: &Trace, cycle_length: Ms) -> Result<EjectionFlow, String> {
-    let every_ms = resample(volume, Continuation::periodic(cycle_length), Ms(1.0))
-        .map_err(|error| error.to_string())?;
-    let flow_ml_per_s = ejected(every_ms.values(), 1.0).map_err(|error| error.to_string())?;
+/// [`EjectionFlowError`] if the trace cannot be resampled or the volume does not fall.
+pub fn ejection_flow(volume: &Trace, cycle_length: Ms) -> Result<EjectionFlow, EjectionFlowError> {
+    let every_ms = resample(volume, Continuation::periodic(cycle_length), Ms(1.0))?;
+    let flow_ml_per_s = ejected(every_ms.values(), 1.0)?;
     Ok(EjectionFlow {
         flow_ml_per_s,
         step_ms: 1.0,
@@ -144,7 +155,8 @@ fn flow(prepared: &Prepared) -> Result<Option<(EjectionFlow, &'static str)>, Str
         frames.volume_ml.clone(),
     );
     let trace = trace.map_err(|error| error.to_string())?;
-    let flow = ejection_flow(&trace, Ms(prepared.average.cycle_length_ms))?;
+    let flow = ejection_flow(&trace, Ms(prepared.average.cycle_length_ms))
+        .map_err(|error| error.to_string())?;
     Ok(Some((flow, "-dV/dt in ejection")))
 }
 

@@ -9,7 +9,7 @@ mod steps;
 use cardiotwin_recordings::prepare::{PrepareError, Prepared, Raw, prepare};
 use cardiotwin_schemas::preparation::{BeatLeftOut, BeatsFound, Preparation};
 
-pub use afterload::{EjectionFlow, ejection_flow, table as afterload_table};
+pub use afterload::{EjectionFlow, EjectionFlowError, ejection_flow, table as afterload_table};
 pub use files::PREPARED;
 
 use crate::input::RawFolder;

@@ -155,7 +155,7 @@ async fn locks(folder: &Path) -> Finding {
         Err(error) => Finding::bad(
             "SQLite's locks",
             Level::Error,
-            error,
+            error.to_string(),
             "put the run on a file system with locks (--run-dir), such as a local disk",
         ),
     }

@@ -68,7 +68,8 @@ impl FlowSource<'_> {
         };
         let usual_step = (volume.end_ms() - volume.time_ms()[0]) / (volume.n_samples() - 1) as f64;
         let cycle_ms = given.unwrap_or(volume.end_ms() - volume.time_ms()[0] + usual_step);
-        let flow = ejection_flow(&volume, Ms(cycle_ms)).map_err(refused)?;
+        let flow =
+            ejection_flow(&volume, Ms(cycle_ms)).map_err(|error| refused(error.to_string()))?;
         Trace::uniform(Quantity::Flow, flow.step_ms, flow.flow_ml_per_s)
             .map_err(|error| refused(error.to_string()))
     }
