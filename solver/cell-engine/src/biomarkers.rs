@@ -374,6 +374,31 @@ mod tests {
         (biomarkers, penalty)
     }
 
+    #[test]
+    fn penalty_terms_by_hand() {
+        let nodes: Vec<Node> = [0.5, 4.0, 1.0, 3.0, -2.0]
+            .into_iter()
+            .enumerate()
+            .map(|(k, sa)| Node {
+                t: k as f64,
+                sa,
+                dsa: 0.0,
+                l: 1.0,
+                dl: 0.0,
+            })
+            .collect();
+        let mut cut = Vec::new();
+        segments(&nodes, nodes.len(), &mut cut);
+        let (_, stress) = of_segments(&cut);
+        let calcium = calcium_penalty(422.0, 210.0);
+        assert_eq!(stress.sa_res, 0.25);
+        assert_eq!(stress.rise_after_peak, 4.0);
+        assert_eq!(stress.negative_stress, 2.0);
+        assert_eq!((calcium.ctd50_low, calcium.ctd50_high), (0.0, 4.0));
+        assert_eq!((calcium.ctd90_low, calcium.ctd90_high), (100.0, 0.0));
+        assert_eq!(stress.total() + calcium.total(), 110.25);
+    }
+
     fn close(a: f64, b: f64) -> bool {
         (a - b).abs() <= 1e-10 * (1.0 + a.abs())
     }

@@ -142,18 +142,20 @@ fn penalty_and_cost() {
         "lambda_min",
     ];
     let objective = Objective::new(keys.map(|key| target[key].as_f64().unwrap()));
+    let mut n_costs = 0;
     for (set, output) in sets.iter().zip(&outputs) {
         let p = &output.penalty;
+        let term = |key: &str| set.entry["penalty_terms_1ms_grid"][key].as_f64().unwrap();
         // A stress that is right to 0.001 kPa.
-        let residual = set.entry["penalty_terms_1ms_grid"]["Sa_res"]
-            .as_f64()
-            .unwrap();
+        let residual = term("Sa_res");
         assert!(
-            (p.sa_res.sqrt() - residual.sqrt()).abs() <= 1e-3,
+            (p.sa_res.sqrt() - residual.sqrt()).abs() <= 1e-3
+                && (p.sa_res - residual).abs() < 2e-3 * residual + 1e-4,
             "{}: Sa_res {}, not {residual}",
             set.name,
             p.sa_res
         );
+        let mut total = residual;
         let terms = [
             ("negative_stress", p.negative_stress),
             ("rise_after_max", p.rise_after_peak),
@@ -163,13 +165,20 @@ fn penalty_and_cost() {
             ("CTD90_high", p.ctd90_high),
         ];
         for (key, found) in terms {
-            let expected = set.entry["penalty_terms_1ms_grid"][key].as_f64().unwrap();
+            let expected = term(key);
+            total += expected;
             assert!(
                 (found - expected).abs() <= 1e-5 + 2e-3 * expected,
                 "{}: {key} {found}, not {expected}",
                 set.name
             );
         }
+        assert!(
+            (p.total() - total).abs() < 2e-3 * total + 1e-4,
+            "{}: penalty {}, not {total}",
+            set.name,
+            p.total()
+        );
         if let Some(expected) = set.entry["cost_total_1ms_grid"].as_f64() {
             // The reference keeps the penalty apart.
             let found = objective.cost(&output.biomarkers, p) - p.total();
@@ -178,8 +187,10 @@ fn penalty_and_cost() {
                 "{}: cost {found}, not {expected}",
                 set.name
             );
+            n_costs += 1;
         }
     }
+    assert_eq!(n_costs, 27);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //!
 //! - [`contraction`]: Tanh and Land 2017 active stress behind [`contraction::Contraction`]
 //! - [`calcium`]: the Rice transient behind [`calcium::Calcium`]
-//! - [`cell0d`]: the electromechanical cell `Sa + S_p = 0` in its periodic state, its biomarkers, cost and penalty
+//! - [`cell0d`]: the electromechanical cell `Sa + S_p = 0` in its periodic state, and its biomarkers
 //! - [`circulation`]: compartments and flow paths around one ventricle
 //! - [`ventricle`]: the [`ventricle::Ventricle`] trait and its one-fibre implementation
 //! - [`effects`]: the catalogue of what the base model lacks, and base model and effects put together

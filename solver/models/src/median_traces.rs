@@ -77,7 +77,7 @@ impl MedianTraces {
         NodalSpread::of(beat).map(|spread| spread.median())
     }
 
-    /// Biomarkers of the median traces; as targets, [`crate::cell0d::CellTargets::from`] of these.
+    /// Biomarkers of the median traces.
     #[must_use]
     pub fn biomarkers(&self) -> Option<ActiveStressBiomarkers> {
         active_stress_biomarkers(&self.time_ms, &self.sa_kpa, &self.lambda)

@@ -6,7 +6,6 @@
 pub mod biomarkers;
 mod cell;
 mod equilibrium;
-pub mod objective;
 pub mod passive;
 mod periodic;
 mod rodas;
@@ -17,5 +16,4 @@ pub use biomarkers::{ActiveStressBiomarkers, CalciumBiomarkers};
 pub use cell::{
     CalciumInput, Cell0d, CellBeat, CellError, CellParameters, CellSolverSettings, CellState,
 };
-pub use objective::{CellCost, CellPenalty, CellTargets, CellWeights};
 pub use passive::{LandPassive, LandPassiveParameters};
