@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::biomarkers::{Biomarker, CellBiomarkers};
+use cardiotwin_schemas::biomarkers::{Biomarker, CELL_BIOMARKERS};
 use cardiotwin_schemas::finite_element::VentricleFigures;
 use cardiotwin_schemas::organ::{ActivationSpec, OneFibrePassive, OrganSpec};
 use cardiotwin_schemas::outcome::{CellFitResult, FittedParameter, OrganBeatResult};
@@ -207,16 +207,8 @@ pub fn cell_parameters(fit: &CellFitResult) -> Markup {
     })
 }
 
-fn cell_biomarkers(b: &CellBiomarkers) -> [(&'static str, f64, usize); 6] {
-    [
-        ("Sa_max_kPa", b.sa_max_kpa, 2),
-        ("dSadt_max_kPa_per_ms", b.dsadt_max_kpa_per_ms, 3),
-        ("STD30_ms", b.std30_ms, 1),
-        ("STD50_ms", b.std50_ms, 1),
-        ("STD90_ms", b.std90_ms, 1),
-        ("lambda_min", b.lambda_min, 4),
-    ]
-}
+/// Decimals of a cell's biomarkers in tables, in the order of [`CELL_BIOMARKERS`].
+const CELL_DECIMALS: [usize; CELL_BIOMARKERS.len()] = [2, 3, 1, 1, 1, 4];
 
 /// Table of step 2's targets, the values that the fit reached, and the terms of its cost.
 #[must_use]
@@ -225,10 +217,7 @@ pub fn cell_fit(fit: &CellFitResult) -> Markup {
         .cost_terms
         .iter()
         .filter(|(name, value)| {
-            cell_biomarkers(&fit.targets)
-                .iter()
-                .all(|(key, ..)| key != name)
-                && **value > 0.0
+            CELL_BIOMARKERS.iter().all(|label| label.key != *name) && **value > 0.0
         })
         .collect();
     scrolling(&html! {
@@ -239,7 +228,7 @@ pub fn cell_fit(fit: &CellFitResult) -> Markup {
                 th scope="col" { "difference, %" } th scope="col" { "cost term" }
             } }
             tbody {
-                @for ((key, target, decimals), (_, reached, _)) in std::iter::zip(cell_biomarkers(&fit.targets), cell_biomarkers(&fit.reached)) {
+                @for (((key, target), reached), decimals) in fit.targets.by_name().into_iter().zip(fit.reached.values()).zip(CELL_DECIMALS) {
                     tr {
                         th scope="row" { (symbol(key)) } (unit(key))
                         td.num { (fixed(Some(target), decimals)) } td.num { (fixed(Some(reached), decimals)) }

@@ -280,6 +280,28 @@ pub struct CellBiomarkers {
     pub lambda_min: f64,
 }
 
+impl CellBiomarkers {
+    /// Values in the order of [`CELL_BIOMARKERS`].
+    #[must_use]
+    pub const fn values(&self) -> [f64; 6] {
+        [
+            self.sa_max_kpa,
+            self.dsadt_max_kpa_per_ms,
+            self.std30_ms,
+            self.std50_ms,
+            self.std90_ms,
+            self.lambda_min,
+        ]
+    }
+
+    /// Values with their keys in files, in the order of [`CELL_BIOMARKERS`].
+    #[must_use]
+    pub fn by_name(&self) -> [(&'static str, f64); 6] {
+        let values = self.values();
+        std::array::from_fn(|idx| (CELL_BIOMARKERS[idx].key, values[idx]))
+    }
+}
+
 /// Labels of [`CellBiomarkers`], in its order.
 pub const CELL_BIOMARKERS: [Label; 6] = [
     of_cell("Sa_max_kPa", "S", "a,max", "kPa", "peak active stress"),
@@ -368,6 +390,23 @@ mod tests {
             assert_eq!(Biomarker::named(biomarker.key()), Some(biomarker));
             let unit = biomarker.unit().replace('/', "_per_");
             assert_eq!(biomarker.key(), format!("{}_{unit}", biomarker.name()));
+        }
+    }
+
+    #[test]
+    fn biomarkers_of_the_cell_stand_under_their_keys() {
+        let biomarkers = CellBiomarkers {
+            sa_max_kpa: 1.0,
+            dsadt_max_kpa_per_ms: 2.0,
+            std30_ms: 3.0,
+            std50_ms: 4.0,
+            std90_ms: 5.0,
+            lambda_min: 6.0,
+        };
+        let written = serde_json::to_value(biomarkers).unwrap();
+        assert_eq!(written.as_object().unwrap().len(), CELL_BIOMARKERS.len());
+        for (key, value) in biomarkers.by_name() {
+            assert_eq!(written[key], value, "{key}");
         }
     }
 

@@ -10,6 +10,7 @@ use cardiotwin_cell_engine::{
     CellEngine, CellInput, CellOutput, CellStatus, CostBound, EngineSettings, NegativeKwu,
     Objective, SimdPath, Workspace,
 };
+use cardiotwin_vocabulary::biomarkers::CellBiomarkers;
 use common::{sensitivity_cells, step_2_cells, thread_seconds};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
@@ -62,7 +63,14 @@ fn batch(c: &mut Criterion) {
             );
         }
         // An optimiser late in its search: few trials are better than what it has.
-        let objective = Objective::new([48.8, 0.75, 250.0, 300.0, 420.0, 0.86]);
+        let objective = Objective::new(CellBiomarkers {
+            sa_max_kpa: 48.8,
+            dsadt_max_kpa_per_ms: 0.75,
+            std30_ms: 250.0,
+            std50_ms: 300.0,
+            std90_ms: 420.0,
+            lambda_min: 0.86,
+        });
         let bounds = vec![0.5; CELLS];
         let (engine, mut workspace) = (engine(SimdPath::best()), Workspace::new());
         let mut outputs = vec![CellOutput::default(); CELLS];

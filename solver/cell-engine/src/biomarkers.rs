@@ -1,35 +1,20 @@
 //! Biomarkers and penalty terms of a beat on the 1 ms grid (SPEC: Appendix C and section 2.3.2 of Jung et al. 2022).
 
+use cardiotwin_vocabulary::biomarkers::CellBiomarkers;
 use serde::{Deserialize, Serialize};
 
 use crate::trace::Segment;
 
-/// A duration between two crossings of a level.
+/// Biomarkers of a beat of the cell, and what else is read from it.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Duration {
-    /// Length \[ms\]; a missing crossing is taken at that end of the beat.
-    pub ms: f64,
-    /// Whether a crossing is missing.
-    pub cut: bool,
-}
-
-/// Biomarkers that the paper reads from a beat of the cell.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct CellBiomarkers {
-    /// Largest active stress \[kPa\].
-    pub sa_max_kpa: f64,
+pub struct CellReading {
+    /// Biomarkers of the beat.
+    pub biomarkers: CellBiomarkers,
     /// Time of the largest active stress \[ms\].
     pub t_sa_max_ms: f64,
-    /// Fastest rise before the maximum \[kPa/ms\].
-    pub dsa_dt_max_kpa_per_ms: f64,
-    /// Time for which the stress is above 70 % of the maximum.
-    pub std30: Duration,
-    /// Time for which the stress is above 50 % of the maximum.
-    pub std50: Duration,
-    /// Time for which the stress is above 10 % of the maximum.
-    pub std90: Duration,
-    /// Smallest stretch of the beat, relative to the slack length.
-    pub lambda_min: f64,
+    /// Whether STD30, STD50 and STD90 each lack a crossing, which is then taken at that end of the
+    /// beat.
+    pub cut: [bool; 3],
     /// Stress at the beat's start \[kPa\].
     pub sa_res_kpa: f64,
     /// Smallest active stress of the beat \[kPa\].
@@ -90,7 +75,7 @@ pub fn calcium_penalty(ctd50: f64, ctd90: f64) -> Penalty {
 
 /// Biomarkers and penalty of a beat on the 1 ms grid; calcium's part is filled in by the caller. Only samples of segments
 /// whose bounds say that they can matter are computed, so that this costs a fraction of the whole grid.
-pub fn of_segments(segments: &[Segment]) -> (CellBiomarkers, Penalty) {
+pub fn of_segments(segments: &[Segment]) -> (CellReading, Penalty) {
     let Some(n) = segments.last().map(|s| s.end) else {
         return Default::default();
     };
@@ -99,21 +84,25 @@ pub fn of_segments(segments: &[Segment]) -> (CellBiomarkers, Penalty) {
     let (peak, peak_at, top) = grid.peak();
     let (rise, rise_sum) = grid.rise_after(peak, peak_at);
     let (lowest, negative) = grid.negative(first);
-    let level = |share: f64| {
+    let durations = [0.7, 0.5, 0.1].map(|share| {
         if top > 0.0 {
             grid.duration(peak, peak_at, share * top)
         } else {
-            Duration { ms: 0.0, cut: true }
+            (0.0, true)
         }
-    };
-    let biomarkers = CellBiomarkers {
-        sa_max_kpa: top,
+    });
+    let [std30_ms, std50_ms, std90_ms] = durations.map(|(ms, _)| ms);
+    let reading = CellReading {
+        biomarkers: CellBiomarkers {
+            sa_max_kpa: top,
+            dsadt_max_kpa_per_ms: grid.fastest_rise(peak, peak_at),
+            std30_ms,
+            std50_ms,
+            std90_ms,
+            lambda_min: grid.shortest(),
+        },
         t_sa_max_ms: peak as f64,
-        dsa_dt_max_kpa_per_ms: grid.fastest_rise(peak, peak_at),
-        std30: level(0.7),
-        std50: level(0.5),
-        std90: level(0.1),
-        lambda_min: grid.shortest(),
+        cut: durations.map(|(_, cut)| cut),
         sa_res_kpa: first,
         sa_min_kpa: lowest,
         max_rise_after_peak_kpa_per_ms: rise,
@@ -126,7 +115,7 @@ pub fn of_segments(segments: &[Segment]) -> (CellBiomarkers, Penalty) {
         rise_after_peak: rise_sum,
         ..Penalty::default()
     };
-    (biomarkers, penalty)
+    (reading, penalty)
 }
 
 /// The samples of a beat, computed when asked for.
@@ -278,8 +267,9 @@ impl Grid<'_> {
         (steepest, sum)
     }
 
-    /// Time above `level` around the peak: from the last upward crossing before it to the first downward one after it.
-    fn duration(&self, peak: usize, peak_at: usize, level: f64) -> Duration {
+    /// Time above `level` around the peak \[ms\], from the last upward crossing before it to the first downward one after it,
+    /// and whether a crossing is missing.
+    fn duration(&self, peak: usize, peak_at: usize, level: f64) -> (f64, bool) {
         let mut up = None;
         for (i, segment) in self.segments[..=peak_at]
             .iter()
@@ -310,10 +300,10 @@ impl Grid<'_> {
             }
         }
         let end = (self.n - 1) as f64;
-        Duration {
-            ms: down.unwrap_or(end) - up.unwrap_or(0.0),
-            cut: up.is_none() || down.is_none(),
-        }
+        (
+            down.unwrap_or(end) - up.unwrap_or(0.0),
+            up.is_none() || down.is_none(),
+        )
     }
 }
 
@@ -324,7 +314,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// The same from all samples, as the definitions say it.
-    fn of_samples(sa: &[f64], lambda: &[f64]) -> (CellBiomarkers, Penalty) {
+    fn of_samples(sa: &[f64], lambda: &[f64]) -> (CellReading, Penalty) {
         let peak = (0..sa.len()).fold(0, |best, k| if sa[k] > sa[best] { k } else { best });
         let duration = |level: f64| {
             let cross = |a: usize, b: usize| {
@@ -338,30 +328,31 @@ mod tests {
                 .find(|&k| sa[k] < level)
                 .map(|k| cross(k, k - 1));
             let ms = down.unwrap_or((sa.len() - 1) as f64) - up.unwrap_or(0.0);
-            Duration {
-                ms,
-                cut: up.is_none() || down.is_none(),
-            }
+            (ms, up.is_none() || down.is_none())
         };
         let rises: Vec<f64> = sa[peak..]
             .windows(2)
             .map(|w| (w[1] - w[0]).max(0.0))
             .collect();
         let square = |k: usize| sa[k].min(0.0).powi(2);
-        let biomarkers = CellBiomarkers {
-            sa_max_kpa: sa[peak],
+        let durations = [0.7, 0.5, 0.1].map(|share| duration(share * sa[peak]));
+        let reading = CellReading {
+            biomarkers: CellBiomarkers {
+                sa_max_kpa: sa[peak],
+                dsadt_max_kpa_per_ms: (1..peak)
+                    .map(|k| 0.5 * (sa[k + 1] - sa[k - 1]))
+                    .fold(0.0, f64::max),
+                std30_ms: durations[0].0,
+                std50_ms: durations[1].0,
+                std90_ms: durations[2].0,
+                lambda_min: lambda.iter().copied().fold(f64::INFINITY, f64::min),
+            },
             t_sa_max_ms: peak as f64,
-            dsa_dt_max_kpa_per_ms: (1..peak)
-                .map(|k| 0.5 * (sa[k + 1] - sa[k - 1]))
-                .fold(0.0, f64::max),
-            std30: duration(0.7 * sa[peak]),
-            std50: duration(0.5 * sa[peak]),
-            std90: duration(0.1 * sa[peak]),
-            lambda_min: lambda.iter().copied().fold(f64::INFINITY, f64::min),
+            cut: durations.map(|(_, cut)| cut),
             sa_res_kpa: sa[0],
             sa_min_kpa: sa.iter().copied().fold(f64::INFINITY, f64::min),
             max_rise_after_peak_kpa_per_ms: rises.iter().copied().fold(0.0, f64::max),
-            ..CellBiomarkers::default()
+            ..CellReading::default()
         };
         let penalty = Penalty {
             sa_res: sa[0] * sa[0],
@@ -371,7 +362,7 @@ mod tests {
             rise_after_peak: rises.iter().map(|r| r * r).sum(),
             ..Penalty::default()
         };
-        (biomarkers, penalty)
+        (reading, penalty)
     }
 
     #[test]
@@ -421,26 +412,17 @@ mod tests {
             sample(&cut, &mut sa, &mut lambda);
             prop_assert!(sa.iter().chain(&lambda).all(|x| x.is_finite()));
             let ((a, p), (b, q)) = (of_segments(&cut), of_samples(&sa, &lambda));
-            prop_assume!(b.sa_max_kpa > 0.0);
+            prop_assume!(b.biomarkers.sa_max_kpa > 0.0);
             prop_assert_eq!(a.t_sa_max_ms, b.t_sa_max_ms);
-            prop_assert_eq!(
-                (a.std30.cut, a.std50.cut, a.std90.cut),
-                (b.std30.cut, b.std50.cut, b.std90.cut)
-            );
-            for (x, y) in [
-                (a.sa_max_kpa, b.sa_max_kpa),
-                (a.dsa_dt_max_kpa_per_ms, b.dsa_dt_max_kpa_per_ms),
-                (a.std30.ms, b.std30.ms),
-                (a.std50.ms, b.std50.ms),
-                (a.std90.ms, b.std90.ms),
-                (a.lambda_min, b.lambda_min),
+            prop_assert_eq!(a.cut, b.cut);
+            for (x, y) in std::iter::zip(a.biomarkers.values(), b.biomarkers.values()).chain([
                 (a.sa_res_kpa, b.sa_res_kpa),
                 (a.sa_min_kpa, b.sa_min_kpa),
                 (a.max_rise_after_peak_kpa_per_ms, b.max_rise_after_peak_kpa_per_ms),
                 (p.sa_res, q.sa_res),
                 (p.negative_stress, q.negative_stress),
                 (p.rise_after_peak, q.rise_after_peak),
-            ] {
+            ]) {
                 prop_assert!(close(x, y), "{} is not {}", x, y);
             }
         }

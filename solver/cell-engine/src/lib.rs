@@ -31,7 +31,7 @@ mod start;
 mod step;
 mod trace;
 
-pub use biomarkers::{CellBiomarkers, Duration, Penalty};
+pub use biomarkers::{CellReading, Penalty};
 pub use calcium::SampledCalcium;
 pub use dispatch::{PathMissing, SimdPath};
 pub use engine::{CellEngine, EngineError, Workspace};

@@ -1,8 +1,9 @@
 //! Output of an evaluation, and the cost of the paper's fit.
 
+use cardiotwin_vocabulary::biomarkers::CellBiomarkers;
 use serde::{Deserialize, Serialize};
 
-use crate::biomarkers::{CellBiomarkers, Penalty};
+use crate::biomarkers::{CellReading, Penalty};
 use crate::input_problem::InputProblem;
 
 /// Ending of an evaluation.
@@ -30,8 +31,8 @@ pub enum CellStatus {
 pub struct CellOutput {
     /// Ending of the evaluation.
     pub status: CellStatus,
-    /// Biomarkers of the reported beat on the 1 ms grid.
-    pub biomarkers: CellBiomarkers,
+    /// Reading of the reported beat on the 1 ms grid.
+    pub reading: CellReading,
     /// Penalty terms of the reported beat on the 1 ms grid.
     pub penalty: Penalty,
     /// Beats at full accuracy, the reported one included.
@@ -68,16 +69,16 @@ pub struct CellTrace {
 /// Targets and weights of the paper's cost, eqs. 18 and 19.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Objective {
-    /// Sa_max \[kPa\], dSadt_max \[kPa/ms\], STD30, STD50, STD90 \[ms\], λ_min.
-    pub targets: [f64; 6],
-    /// Weights of the squared relative differences, in the same order.
+    /// Biomarkers that the cell should have.
+    pub targets: CellBiomarkers,
+    /// Weights of the squared relative differences, in the order of the biomarkers.
     pub weights: [f64; 6],
 }
 
 impl Objective {
     /// The paper's weights: 5, 1, 5, 1, 1 and 100.
     #[must_use]
-    pub fn new(targets: [f64; 6]) -> Self {
+    pub fn new(targets: CellBiomarkers) -> Self {
         Self {
             targets,
             weights: [5.0, 1.0, 5.0, 1.0, 1.0, 100.0],
@@ -87,18 +88,10 @@ impl Objective {
     /// Cost of a beat, Σ w ((target − value)/target)² + penalty.
     #[must_use]
     pub fn cost(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> f64 {
-        let b = biomarkers;
-        let values = [
-            b.sa_max_kpa,
-            b.dsa_dt_max_kpa_per_ms,
-            b.std30.ms,
-            b.std50.ms,
-            b.std90.ms,
-            b.lambda_min,
-        ];
-        let misfit: f64 = values
+        let misfit: f64 = biomarkers
+            .values()
             .iter()
-            .zip(&self.targets)
+            .zip(&self.targets.values())
             .zip(&self.weights)
             .map(|((value, target), weight)| weight * ((target - value) / target).powi(2))
             .sum();

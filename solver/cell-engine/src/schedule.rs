@@ -7,7 +7,7 @@
 //!                                                  └─────┘ not yet periodic: slow modes extrapolated
 //! ```
 
-use crate::biomarkers::{Penalty, calcium_penalty, of_segments};
+use crate::biomarkers::{CellReading, Penalty, calcium_penalty, of_segments};
 use crate::calcium::{SampledCalcium, Transient};
 use crate::dispatch::{Available, prepare_lanes, step_lanes};
 use crate::input::{CellInput, ConstantLanes, Constants, DEFAULT_PARAMETERS, NegativeKwu, at};
@@ -258,12 +258,14 @@ impl Run<'_> {
     ) {
         let n = (p.cycle + 1e-9).floor() as usize + 1;
         segments(&job.nodes, n, cut);
-        let (biomarkers, penalty) = of_segments(cut);
+        let (reading, penalty) = of_segments(cut);
         let output = &mut self.outputs[job.input];
-        let known = (output.biomarkers, output.penalty);
-        output.biomarkers = biomarkers;
-        output.biomarkers.ctd50_ms = known.0.ctd50_ms;
-        output.biomarkers.ctd90_ms = known.0.ctd90_ms;
+        let known = (output.reading, output.penalty);
+        output.reading = CellReading {
+            ctd50_ms: known.0.ctd50_ms,
+            ctd90_ms: known.0.ctd90_ms,
+            ..reading
+        };
         output.penalty = Penalty {
             sa_res: penalty.sa_res,
             negative_stress: penalty.negative_stress,
@@ -297,7 +299,10 @@ impl Run<'_> {
         self.report(job, p, CellStatus::Hopeless, f64::INFINITY, cut);
         let output = &mut self.outputs[job.input];
         output.state_change = 0.0;
-        bound.objective.cost(&output.biomarkers, &output.penalty) > limit
+        bound
+            .objective
+            .cost(&output.reading.biomarkers, &output.penalty)
+            > limit
     }
 
     /// Gives lane `i` the next cell, or leaves it idle.
@@ -382,8 +387,8 @@ impl Run<'_> {
             };
             known = Some((p.cycle, transient));
             p.ca_max = transient.peak();
-            output.biomarkers.ctd50_ms = transient.ctd50_ms;
-            output.biomarkers.ctd90_ms = transient.ctd90_ms;
+            output.reading.ctd50_ms = transient.ctd50_ms;
+            output.reading.ctd90_ms = transient.ctd90_ms;
             output.penalty = calcium_penalty(transient.ctd50_ms, transient.ctd90_ms);
             output.negative_kwu = p.k_wu < 0.0;
             if self

@@ -3,10 +3,11 @@
 mod common;
 
 use cardiotwin_cell_engine::{
-    CellBiomarkers, CellEngine, CellInput, CellOutput, CellStatus, CellTrace, CostBound,
+    CellEngine, CellInput, CellOutput, CellReading, CellStatus, CellTrace, CostBound,
     DEFAULT_PARAMETERS, EngineError, EngineSettings, InputProblem, N_PARAMETERS, NegativeKwu,
     Objective, SimdPath, Workspace,
 };
+use cardiotwin_vocabulary::biomarkers::CellBiomarkers;
 use common::{HIGH, LOW, Random, sensitivity_cells, step_2_cells};
 
 fn engine(settings: EngineSettings) -> CellEngine {
@@ -86,9 +87,12 @@ fn instruction_sets_agree() {
         assert_eq!(outputs, &fused[0]);
         for (a, b) in outputs.iter().zip(&portable) {
             assert_eq!(a.status, b.status);
-            let relative = (a.biomarkers.sa_max_kpa / b.biomarkers.sa_max_kpa - 1.0).abs();
+            let relative =
+                (a.reading.biomarkers.sa_max_kpa / b.reading.biomarkers.sa_max_kpa - 1.0).abs();
             assert!(relative < 1e-4, "{a:?} {b:?}");
-            assert!((a.biomarkers.lambda_min - b.biomarkers.lambda_min).abs() < 2e-6);
+            assert!(
+                (a.reading.biomarkers.lambda_min - b.reading.biomarkers.lambda_min).abs() < 2e-6
+            );
         }
         let same = outputs
             .iter()
@@ -152,7 +156,7 @@ fn refusals_are_values_and_leave_the_others_alone() {
             ),
             "{refused}"
         );
-        assert_eq!(outputs[refused].biomarkers, CellBiomarkers::default());
+        assert_eq!(outputs[refused].reading, CellReading::default());
     }
     assert!(matches!(
         outputs[4].status,
@@ -198,22 +202,17 @@ fn cells_far_outside_of_the_box_give_finite_numbers_or_say_why_not() {
     let outputs = evaluate(&engine(EngineSettings::default()), &cells);
     let (mut done, mut stuck, mut refused) = (0, 0, 0);
     for (cell, o) in cells.iter().zip(&outputs) {
-        let b = &o.biomarkers;
-        let numbers = [
-            b.sa_max_kpa,
-            b.dsa_dt_max_kpa_per_ms,
-            b.std30.ms,
-            b.std50.ms,
-            b.std90.ms,
-            b.lambda_min,
-            b.sa_res_kpa,
-            b.sa_min_kpa,
-            b.ctd50_ms,
-            b.ctd90_ms,
+        let r = &o.reading;
+        let others = [
+            r.sa_res_kpa,
+            r.sa_min_kpa,
+            r.ctd50_ms,
+            r.ctd90_ms,
             o.penalty.total(),
             o.state_change,
         ];
-        assert!(numbers.iter().all(|x| x.is_finite()), "{cell:?}: {o:?}");
+        let mut numbers = r.biomarkers.values().into_iter().chain(others);
+        assert!(numbers.all(f64::is_finite), "{cell:?}: {o:?}");
         done += usize::from(o.is_periodic());
         stuck += usize::from(matches!(o.status, CellStatus::Stuck { .. }));
         refused += usize::from(matches!(o.status, CellStatus::Refused(_)));
@@ -230,11 +229,18 @@ fn cells_far_outside_of_the_box_give_finite_numbers_or_say_why_not() {
 fn a_bound_gives_up_only_what_is_above_it() {
     let engine = engine(EngineSettings::default());
     let cells = step_2_cells(300, 21);
-    let objective = Objective::new([48.0, 0.8, 250.0, 300.0, 400.0, 0.86]);
+    let objective = Objective::new(CellBiomarkers {
+        sa_max_kpa: 48.0,
+        dsadt_max_kpa_per_ms: 0.8,
+        std30_ms: 250.0,
+        std50_ms: 300.0,
+        std90_ms: 400.0,
+        lambda_min: 0.86,
+    });
     let full = evaluate(&engine, &cells);
     let costs: Vec<f64> = full
         .iter()
-        .map(|o| objective.cost(&o.biomarkers, &o.penalty))
+        .map(|o| objective.cost(&o.reading.biomarkers, &o.penalty))
         .collect();
     for share in [0.5, 1.001] {
         let bounds: Vec<f64> = costs.iter().map(|c| c * share).collect();
@@ -254,7 +260,7 @@ fn a_bound_gives_up_only_what_is_above_it() {
         if share > 1.0 {
             assert_eq!(given_up, 0);
             for (o, cost) in outputs.iter().zip(&costs) {
-                let found = objective.cost(&o.biomarkers, &o.penalty);
+                let found = objective.cost(&o.reading.biomarkers, &o.penalty);
                 assert!((found / cost - 1.0).abs() < 5e-3, "{found} {cost}");
             }
         } else {
@@ -273,7 +279,7 @@ fn traces_and_lengths() {
         .unwrap();
     assert_eq!(traces[0].sa_kpa.len(), 701);
     let largest = traces[0].sa_kpa.iter().copied().fold(0.0, f64::max);
-    assert_eq!(largest, outputs[0].biomarkers.sa_max_kpa);
+    assert_eq!(largest, outputs[0].reading.biomarkers.sa_max_kpa);
     let refused = engine.evaluate(&cells, &mut Workspace::new(), &mut []);
     assert_eq!(
         refused,

@@ -5,6 +5,7 @@ mod common;
 use cardiotwin_cell_engine::{
     CellEngine, CellOutput, CellTrace, EngineSettings, NegativeKwu, Objective, Workspace,
 };
+use cardiotwin_vocabulary::biomarkers::CellBiomarkers;
 use common::{Reference, file, references};
 
 fn evaluate(sets: &[Reference], settings: EngineSettings) -> (Vec<CellOutput>, Vec<CellTrace>) {
@@ -78,13 +79,13 @@ fn biomarkers_of_the_1_ms_grid() {
     for (set, output) in sets.iter().zip(&outputs) {
         let expected = &set.entry["biomarkers_1ms_grid"];
         let value = |key: &str| expected[key].as_f64();
-        let b = &output.biomarkers;
+        let (reading, b) = (&output.reading, &output.reading.biomarkers);
         let relative = [
             ("Sa_max_kPa", b.sa_max_kpa, 1e-3),
-            ("dSa_dt_max_kPa_per_ms", b.dsa_dt_max_kpa_per_ms, 5e-3),
+            ("dSa_dt_max_kPa_per_ms", b.dsadt_max_kpa_per_ms, 5e-3),
             ("lambda_min", b.lambda_min, 1e-3),
-            ("CTD50_ms", b.ctd50_ms, 1e-9),
-            ("CTD90_ms", b.ctd90_ms, 1e-9),
+            ("CTD50_ms", reading.ctd50_ms, 1e-9),
+            ("CTD90_ms", reading.ctd90_ms, 1e-9),
         ];
         for (key, found, tolerance) in relative {
             let expected = value(key).unwrap();
@@ -94,24 +95,27 @@ fn biomarkers_of_the_1_ms_grid() {
                 set.name
             );
         }
-        for (key, found) in [
-            ("STD30_ms", b.std30),
-            ("STD50_ms", b.std50),
-            ("STD90_ms", b.std90),
+        for (key, found, cut) in [
+            ("STD30_ms", b.std30_ms, reading.cut[0]),
+            ("STD50_ms", b.std50_ms, reading.cut[1]),
+            ("STD90_ms", b.std90_ms, reading.cut[2]),
         ] {
             match value(key) {
                 Some(expected) => {
-                    assert!(!found.cut, "{}: {key}", set.name);
+                    assert!(!cut, "{}: {key}", set.name);
                     assert!(
-                        (found.ms - expected).abs() <= 0.2,
-                        "{}: {key} {found:?}, expected {expected}",
+                        (found - expected).abs() <= 0.2,
+                        "{}: {key} {found}, expected {expected}",
                         set.name
                     );
                 }
-                None => assert!(found.cut, "{}: {key} should not be crossed", set.name),
+                None => assert!(cut, "{}: {key} should not be crossed", set.name),
             }
         }
-        for (key, found) in [("Sa_res_kPa", b.sa_res_kpa), ("Sa_min_kPa", b.sa_min_kpa)] {
+        for (key, found) in [
+            ("Sa_res_kPa", reading.sa_res_kpa),
+            ("Sa_min_kPa", reading.sa_min_kpa),
+        ] {
             let expected = value(key).unwrap();
             assert!(
                 (found - expected).abs() <= 0.005,
@@ -121,8 +125,8 @@ fn biomarkers_of_the_1_ms_grid() {
         }
         let rise = value("max_rise_after_max_kPa_per_ms").unwrap();
         assert!(
-            (b.max_rise_after_peak_kpa_per_ms - rise).abs() <= 1e-6 + 5e-3 * rise,
-            "{}: {b:?}",
+            (reading.max_rise_after_peak_kpa_per_ms - rise).abs() <= 1e-6 + 5e-3 * rise,
+            "{}: {reading:?}",
             set.name
         );
     }
@@ -132,16 +136,16 @@ fn biomarkers_of_the_1_ms_grid() {
 fn penalty_and_cost() {
     let sets = references();
     let (outputs, _) = evaluate(&sets, EngineSettings::default());
-    let target = &file()["target_of_the_cost"];
-    let keys = [
-        "Sa_max_kPa",
-        "dSa_dt_max_kPa_per_ms",
-        "STD30_ms",
-        "STD50_ms",
-        "STD90_ms",
-        "lambda_min",
-    ];
-    let objective = Objective::new(keys.map(|key| target[key].as_f64().unwrap()));
+    let file = file();
+    let target = |key: &str| file["target_of_the_cost"][key].as_f64().unwrap();
+    let objective = Objective::new(CellBiomarkers {
+        sa_max_kpa: target("Sa_max_kPa"),
+        dsadt_max_kpa_per_ms: target("dSa_dt_max_kPa_per_ms"),
+        std30_ms: target("STD30_ms"),
+        std50_ms: target("STD50_ms"),
+        std90_ms: target("STD90_ms"),
+        lambda_min: target("lambda_min"),
+    });
     let mut n_costs = 0;
     for (set, output) in sets.iter().zip(&outputs) {
         let p = &output.penalty;
@@ -181,7 +185,7 @@ fn penalty_and_cost() {
         );
         if let Some(expected) = set.entry["cost_total_1ms_grid"].as_f64() {
             // The reference keeps the penalty apart.
-            let found = objective.cost(&output.biomarkers, p) - p.total();
+            let found = objective.cost(&output.reading.biomarkers, p) - p.total();
             assert!(
                 (found / expected - 1.0).abs() <= 2e-3,
                 "{}: cost {found}, not {expected}",
@@ -212,7 +216,7 @@ fn the_periodic_state_does_not_depend_on_where_it_was_sought() {
             b.status
         );
         assert!(
-            (a.biomarkers.sa_res_kpa - b.biomarkers.sa_res_kpa).abs() <= 0.003,
+            (a.reading.sa_res_kpa - b.reading.sa_res_kpa).abs() <= 0.003,
             "{}: {a:?} {b:?}",
             set.name
         );

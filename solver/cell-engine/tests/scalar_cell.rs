@@ -95,13 +95,13 @@ fn compare(
             );
         }
         let (b, c, o) = (
-            beat.biomarkers().unwrap(),
+            beat.read().unwrap().biomarkers,
             cell.calcium_biomarkers().unwrap(),
-            &output.biomarkers,
+            &output.reading,
         );
         assert!(
-            (b.sa_max_kpa - o.sa_max_kpa).abs() < 0.002
-                && (b.lambda_min - o.lambda_min).abs() < 1e-5,
+            (b.sa_max_kpa - o.biomarkers.sa_max_kpa).abs() < 0.002
+                && (b.lambda_min - o.biomarkers.lambda_min).abs() < 1e-5,
             "{input:?}"
         );
         assert!(

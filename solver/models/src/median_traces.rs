@@ -4,8 +4,8 @@
 use std::collections::VecDeque;
 
 use crate::beat::BeatTraces;
-use crate::cell0d::ActiveStressBiomarkers;
-use crate::cell0d::biomarkers::active_stress_biomarkers;
+use cardiotwin_signals::StressReading;
+use cardiotwin_vocabulary::biomarkers::CellBiomarkers;
 use serde::{Deserialize, Serialize};
 
 /// Median traces on the beat's interval from activation on, cut to the shortest node's.
@@ -79,8 +79,9 @@ impl MedianTraces {
 
     /// Biomarkers of the median traces.
     #[must_use]
-    pub fn biomarkers(&self) -> Option<ActiveStressBiomarkers> {
-        active_stress_biomarkers(&self.time_ms, &self.sa_kpa, &self.lambda)
+    pub fn biomarkers(&self) -> Option<CellBiomarkers> {
+        let reading = StressReading::of(&self.time_ms, &self.sa_kpa, &self.lambda).ok()?;
+        Some(reading.biomarkers)
     }
 }
 

@@ -111,7 +111,7 @@ proptest! {
         prop_assert!((beat.sa_kpa[0] - beat.sa_kpa.last().unwrap()).abs() < 2e-3);
         // An active cell is never longer than at rest.
         prop_assert!(beat.lambda.iter().all(|l| *l <= parameters.lambda0 * (1.0 + 1e-5) && *l > 0.5));
-        prop_assert!(beat.biomarkers().is_some());
+        prop_assert!(beat.read().is_some());
     }
 
     /// A beat of the reduced ventricle ends or diverges for any parameters of step 1 within

@@ -3,7 +3,8 @@
 //! Source: Jung et al. 2022, Mathematics 10(5):823, Appendix C. Nothing here allocates: step 2 calls it in its loop.
 
 use crate::cycle::{Continuation, Cycle};
-use cardiotwin_units::{Kpa, MicroMolar, Ms, Stretch};
+use cardiotwin_units::{MicroMolar, Ms};
+use cardiotwin_vocabulary::biomarkers::CellBiomarkers;
 use serde::{Deserialize, Serialize};
 
 /// Reasons why biomarkers of a cell's traces cannot be computed.
@@ -29,12 +30,6 @@ pub enum CellTraceError {
         /// Value that is not finite.
         value: f64,
     },
-    /// No stress is developed, so that no duration has a meaning.
-    #[error("the largest active stress is {max_kpa} kPa, but durations need a positive one")]
-    NoStress {
-        /// Largest value of the trace \[kPa\].
-        max_kpa: f64,
-    },
 }
 
 /// Levels of an active stress trace that were not crossed within the beat, in the order STD30,
@@ -50,91 +45,86 @@ pub struct Unreached {
 }
 
 impl Unreached {
+    /// Whether STD30, STD50 and STD90 each lack a crossing.
+    #[must_use]
+    pub fn durations(&self) -> [bool; 3] {
+        std::array::from_fn(|k| self.upstroke[k] || self.downstroke[k])
+    }
+
     /// Whether any level was not crossed.
     #[must_use]
     pub fn any(&self) -> bool {
-        self.upstroke.iter().chain(&self.downstroke).any(|x| *x)
+        self.durations().contains(&true)
     }
 }
 
-/// Biomarkers of an active stress trace over one beat.
+/// Biomarkers of one beat of active stress and stretch, and what else its traces show.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct ActiveStressBiomarkers {
-    /// Largest active stress of the beat.
-    #[serde(rename = "Sa_max_kPa")]
-    pub sa_max: Kpa,
-    /// Time of the largest active stress.
-    #[serde(rename = "t_Sa_max_ms")]
-    pub t_sa_max: Ms,
-    /// Largest rate before the maximum, kPa/ms.
-    #[serde(rename = "dSadt_max_kPa_per_ms")]
-    pub dsadt_max_kpa_per_ms: f64,
-    /// Duration above 70 % of the maximum.
-    #[serde(rename = "STD30_ms")]
-    pub std30: Ms,
-    /// Duration above 50 % of the maximum.
-    #[serde(rename = "STD50_ms")]
-    pub std50: Ms,
-    /// Duration above 10 % of the maximum.
-    #[serde(rename = "STD90_ms")]
-    pub std90: Ms,
+pub struct StressReading {
+    /// Biomarkers of the beat.
+    pub biomarkers: CellBiomarkers,
+    /// Time of the largest active stress \[ms\].
+    pub t_sa_max_ms: f64,
+    /// Active stress at the beat's start \[kPa\].
+    pub sa_res_kpa: f64,
     /// Levels that the beat did not cross.
     pub unreached: Unreached,
 }
 
-impl ActiveStressBiomarkers {
+impl StressReading {
     /// Fractions of the maximum between whose crossings STD30, STD50 and STD90 are measured, dimensionless.
     pub const LEVELS: [f64; 3] = [0.7, 0.5, 0.1];
 
-    /// Biomarkers of an active stress trace (Jung 2022, Appendix C; baseline zero).
+    /// Reading of the traces of one beat (Jung 2022, Appendix C; baseline zero; misprint resolved: the largest rate is that
+    /// before the maximum).
     ///
     /// A duration is the time between the last upstroke crossing before and the first downstroke crossing after the
-    /// maximum. A level not crossed is taken at the beat's first or last sample and noted in [`Self::unreached`].
-    /// - `time_ms`, `sa_kpa`: equally long, strictly increasing times, one beat, not wrapped around
+    /// maximum. A level not crossed is taken at the beat's first or last sample and noted in [`Self::unreached`]; a beat
+    /// without positive stress crosses none.
+    /// - `time_ms`, `sa_kpa`, `lambda`: equally long, strictly increasing times, one beat, not wrapped around
     ///
     /// # Errors
-    /// [`CellTraceError`] when the slices do not fit, hold values that are not finite, or no stress is developed.
-    pub fn of(time_ms: &[f64], sa_kpa: &[f64]) -> Result<Self, CellTraceError> {
+    /// [`CellTraceError`] when the slices do not fit or hold values that are not finite.
+    pub fn of(time_ms: &[f64], sa_kpa: &[f64], lambda: &[f64]) -> Result<Self, CellTraceError> {
+        check(time_ms, lambda, "stretch")?;
         check(time_ms, sa_kpa, "active stress")?;
         let cycle = Cycle::new(time_ms, sa_kpa, Continuation::Single);
         let peak = cycle.argmax();
-        let sa_max = cycle.value(peak);
-        if sa_max <= 0.0 {
-            return Err(CellTraceError::NoStress { max_kpa: sa_max });
-        }
-        // Central differences strictly before the peak; a peak at the second sample leaves none, and zero says so.
-        let dsadt_max = (1..peak).filter_map(|i| cycle.slope(i)).fold(0.0, f64::max);
+        let sa_max_kpa = cycle.value(peak);
         let (begin, end) = (time_ms[0], time_ms[time_ms.len() - 1]);
-        let mut unreached = Unreached::default();
-        let mut durations = [0.0; 3];
-        for (k, fraction) in Self::LEVELS.into_iter().enumerate() {
-            let rise = cycle.last_rise(fraction * sa_max, peak);
-            let fall = cycle.first_fall(fraction * sa_max, peak);
-            unreached.upstroke[k] = rise.is_none();
-            unreached.downstroke[k] = fall.is_none();
-            durations[k] = fall.unwrap_or(end) - rise.unwrap_or(begin);
+        // A cell that develops nothing is a poor fit, not a failed one.
+        let mut dsadt_max_kpa_per_ms = 0.0;
+        let mut unreached = Unreached {
+            upstroke: [true; 3],
+            downstroke: [true; 3],
+        };
+        let mut durations = [end - begin; 3];
+        if sa_max_kpa > 0.0 {
+            // Central differences strictly before the peak; a peak at the second sample leaves none, and zero says so.
+            dsadt_max_kpa_per_ms = (1..peak).filter_map(|i| cycle.slope(i)).fold(0.0, f64::max);
+            for (k, fraction) in Self::LEVELS.into_iter().enumerate() {
+                let rise = cycle.last_rise(fraction * sa_max_kpa, peak);
+                let fall = cycle.first_fall(fraction * sa_max_kpa, peak);
+                unreached.upstroke[k] = rise.is_none();
+                unreached.downstroke[k] = fall.is_none();
+                durations[k] = fall.unwrap_or(end) - rise.unwrap_or(begin);
+            }
         }
+        let [std30_ms, std50_ms, std90_ms] = durations;
         Ok(Self {
-            sa_max: Kpa(sa_max),
-            t_sa_max: Ms(cycle.time(peak)),
-            dsadt_max_kpa_per_ms: dsadt_max,
-            std30: Ms(durations[0]),
-            std50: Ms(durations[1]),
-            std90: Ms(durations[2]),
+            biomarkers: CellBiomarkers {
+                sa_max_kpa,
+                dsadt_max_kpa_per_ms,
+                std30_ms,
+                std50_ms,
+                std90_ms,
+                lambda_min: lambda.iter().copied().fold(f64::INFINITY, f64::min),
+            },
+            t_sa_max_ms: cycle.time(peak),
+            sa_res_kpa: sa_kpa[0],
             unreached,
         })
     }
-}
-
-/// Smallest fibre stretch of a trace (Jung 2022, Appendix C).
-///
-/// # Errors
-/// [`CellTraceError`] when the trace is too short or not finite.
-pub fn lambda_min(lambda: &[f64]) -> Result<Stretch, CellTraceError> {
-    check(lambda, lambda, "stretch")?;
-    Ok(Stretch(
-        lambda.iter().copied().fold(f64::INFINITY, f64::min),
-    ))
 }
 
 /// Durations of a calcium transient from the activation time.
@@ -211,40 +201,51 @@ mod tests {
         (time.clone(), time.iter().map(value).collect())
     }
 
+    /// The reading of a stress whose stretch has its smallest value in the middle.
+    fn read(time_ms: &[f64], sa_kpa: &[f64]) -> Result<StressReading, CellTraceError> {
+        let mut lambda = vec![1.0; time_ms.len()];
+        lambda[time_ms.len() / 2] = 0.85;
+        StressReading::of(time_ms, sa_kpa, &lambda)
+    }
+
     #[test]
     fn triangle_has_the_durations_of_its_geometry() {
         let (t, sa) = triangle(400);
-        let b = ActiveStressBiomarkers::of(&t, &sa).unwrap();
-        assert_eq!(b.sa_max, Kpa(100.0));
-        assert_eq!(b.t_sa_max, Ms(110.0));
+        let reading = read(&t, &sa).unwrap();
+        let b = reading.biomarkers;
+        assert_eq!(b.sa_max_kpa, 100.0);
+        assert_eq!(reading.t_sa_max_ms, 110.0);
         assert!((b.dsadt_max_kpa_per_ms - 1.0).abs() < 1e-12);
-        for (duration, fraction) in [(b.std30, 0.3), (b.std50, 0.5), (b.std90, 0.9)] {
-            assert!((duration.0 - 300.0 * fraction).abs() < 1e-9, "{duration}");
+        for (duration, fraction) in [(b.std30_ms, 0.3), (b.std50_ms, 0.5), (b.std90_ms, 0.9)] {
+            assert!((duration - 300.0 * fraction).abs() < 1e-9, "{duration}");
         }
-        assert!(!b.unreached.any());
+        assert_eq!(b.lambda_min, 0.85);
+        assert!(!reading.unreached.any());
     }
 
     #[test]
     fn a_level_not_reached_is_taken_at_the_end_and_noted() {
         let (t, sa) = triangle(250); // 30 kPa are left at the end
-        let b = ActiveStressBiomarkers::of(&t, &sa).unwrap();
+        let reading = read(&t, &sa).unwrap();
         assert_eq!(
-            b.unreached,
+            reading.unreached,
             Unreached {
                 upstroke: [false; 3],
                 downstroke: [false, false, true]
             }
         );
-        assert!((b.std90.0 - 230.0).abs() < 1e-9);
+        assert_eq!(reading.unreached.durations(), [false, false, true]);
+        assert!((reading.biomarkers.std90_ms - 230.0).abs() < 1e-9);
     }
 
     #[test]
     fn a_resting_stress_above_the_level_is_noted() {
         let (t, mut sa) = triangle(400);
         sa.iter_mut().for_each(|s| *s = s.max(20.0));
-        let b = ActiveStressBiomarkers::of(&t, &sa).unwrap();
+        let reading = read(&t, &sa).unwrap();
+        assert_eq!(reading.sa_res_kpa, 20.0);
         assert_eq!(
-            b.unreached,
+            reading.unreached,
             Unreached {
                 upstroke: [false, false, true],
                 downstroke: [false, false, true]
@@ -253,23 +254,33 @@ mod tests {
     }
 
     #[test]
+    fn no_stress_is_a_beat_that_crosses_no_level() {
+        for (sa, at) in [([0.0; 3], 0.0), ([-2.0, -1.0, -1.0], 1.0)] {
+            let reading = read(&[0.0, 1.0, 2.0], &sa).unwrap();
+            let b = reading.biomarkers;
+            assert_eq!((b.sa_max_kpa, reading.t_sa_max_ms), (sa[1], at));
+            assert_eq!((b.dsadt_max_kpa_per_ms, b.std50_ms), (0.0, 2.0));
+            assert_eq!(reading.unreached.durations(), [true; 3]);
+        }
+    }
+
+    #[test]
     fn traces_without_meaning_are_refused() {
+        let t = [0.0, 1.0, 2.0];
         assert!(matches!(
-            ActiveStressBiomarkers::of(&[0.0, 1.0, 2.0], &[0.0; 3]),
-            Err(CellTraceError::NoStress { .. })
-        ));
-        assert!(matches!(
-            ActiveStressBiomarkers::of(&[0.0, 1.0, 2.0], &[0.0, f64::NAN, 0.0]),
+            read(&t, &[0.0, f64::NAN, 0.0]),
             Err(CellTraceError::NotFinite { idx: 1, .. })
         ));
         assert!(matches!(
-            ActiveStressBiomarkers::of(&[0.0, 1.0], &[0.0; 3]),
+            read(&t[..2], &[0.0; 3]),
             Err(CellTraceError::Length {
                 n_times: 2,
-                n_values: 3
+                n_values: 2
             })
         ));
-        assert!(lambda_min(&[1.0, f64::INFINITY, 1.0]).is_err());
+        assert!(StressReading::of(&t, &[0.0, 1.0], &[1.0; 3]).is_err());
+        assert!(StressReading::of(&t, &[0.0, 1.0, 0.0], &[1.0; 2]).is_err());
+        assert!(StressReading::of(&t, &[0.0, 1.0, 0.0], &[1.0, f64::INFINITY, 1.0]).is_err());
     }
 
     #[test]
@@ -294,10 +305,5 @@ mod tests {
             CalciumDurations::of(&time[..200], &ca[..200], MicroMolar(0.15), Ms(5.0)).unwrap();
         assert_eq!(cut.unreached, [false, true]);
         assert_eq!(cut.ctd90, Ms(194.0));
-    }
-
-    #[test]
-    fn smallest_stretch() {
-        assert_eq!(lambda_min(&[1.0, 0.85, 0.9]).unwrap(), Stretch(0.85));
     }
 }

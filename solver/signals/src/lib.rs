@@ -18,7 +18,7 @@ pub mod resample;
 mod told;
 pub mod trace;
 
-pub use active_stress::{ActiveStressBiomarkers, CalciumDurations};
+pub use active_stress::{CalciumDurations, StressReading};
 pub use biomarkers::{BeatBiomarkers, BiomarkerError, Flag};
 pub use cardiotwin_vocabulary::biomarkers::NoiseWindows;
 pub use cycle::Continuation;

@@ -3,8 +3,8 @@
 
 use cardiotwin_signals::checks::{Measured, MeasuredVolume, Source, check};
 use cardiotwin_signals::{
-    ActiveStressBiomarkers, BeatBiomarkers, CalciumDurations, Continuation, Flag, Problem,
-    Quantity, Trace, active_stress, read_trace,
+    BeatBiomarkers, CalciumDurations, Continuation, Flag, Problem, Quantity, StressReading, Trace,
+    read_trace,
 };
 use cardiotwin_units::{MicroMolar, Ml, Mmhg, Ms};
 use std::path::{Path, PathBuf};
@@ -394,16 +394,17 @@ fn active_stress_and_calcium_of_the_reference_cell() {
         let (sa, ca, lambda) = (slice("Sa_kPa"), slice("Ca_uM"), slice("lambda"));
         let time: Vec<f64> = (0..sa.len()).map(|i| i as f64).collect();
         let expected = |key: &str| set["biomarkers_on_the_1ms_grid"][key].as_f64().unwrap();
-        let b = ActiveStressBiomarkers::of(&time, &sa).unwrap();
+        let reading = StressReading::of(&time, &sa, &lambda).unwrap();
+        let b = reading.biomarkers;
         // Same definitions on the same samples: equal to the digits that the file keeps.
         for (value, key) in [
-            (b.sa_max.0, "Sa_max_kPa"),
-            (b.t_sa_max.0, "t_Sa_max_ms"),
+            (b.sa_max_kpa, "Sa_max_kPa"),
+            (reading.t_sa_max_ms, "t_Sa_max_ms"),
             (b.dsadt_max_kpa_per_ms, "dSa_dt_max_kPa_per_ms"),
-            (b.std30.0, "STD30_ms"),
-            (b.std50.0, "STD50_ms"),
-            (b.std90.0, "STD90_ms"),
-            (active_stress::lambda_min(&lambda).unwrap().0, "lambda_min"),
+            (b.std30_ms, "STD30_ms"),
+            (b.std50_ms, "STD50_ms"),
+            (b.std90_ms, "STD90_ms"),
+            (b.lambda_min, "lambda_min"),
         ] {
             assert!(
                 (value / expected(key) - 1.0).abs() < 1e-6,
@@ -412,7 +413,7 @@ fn active_stress_and_calcium_of_the_reference_cell() {
                 expected(key)
             );
         }
-        assert!(!b.unreached.any());
+        assert!(!reading.unreached.any());
         // The reference's durations are of the analytic transient; the trace holds six digits at 1 ms.
         let resting = MicroMolar(set["Ca_res_uM"].as_f64().unwrap());
         let d = CalciumDurations::of(&time, &ca, resting, Ms(0.0)).unwrap();

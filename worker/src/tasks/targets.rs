@@ -7,9 +7,7 @@
 
 use std::fmt::Write as _;
 
-use cardiotwin_models::cell0d::ActiveStressBiomarkers;
 use cardiotwin_models::median_traces::{GrowingSpread, LEVELS, MedianTraces, NodalSpread};
-use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::outcome::{TargetsResult, TaskResult};
 use cardiotwin_schemas::task::TargetsSpec;
 
@@ -41,10 +39,10 @@ pub fn run(spec: &TargetsSpec, context: &mut Context) -> Result<TaskResult, Task
     };
     let spread = spread.ok_or(TaskError::NoMedian { n_nodes })?;
     let median = spread.median();
-    let biomarkers = median
+    let targets = median
         .biomarkers()
-        .filter(|biomarkers| biomarkers.sa_max_kpa > 0.0);
-    let targets = to_schema(&biomarkers.ok_or(TaskError::NoMedian { n_nodes })?);
+        .filter(|biomarkers| biomarkers.sa_max_kpa > 0.0)
+        .ok_or(TaskError::NoMedian { n_nodes })?;
     context
         .artefacts
         .write("median", "median.csv", &median_csv(&median, has_calcium))?;
@@ -101,19 +99,6 @@ fn read(
         .verify()
         .map_err(Unread::Stopped)?;
     Ok((growing.finish(), n_nodes as u64, has_calcium, lambda_max))
-}
-
-/// Converts the biomarkers that are step 2's targets to the schema.
-#[must_use]
-pub fn to_schema(biomarkers: &ActiveStressBiomarkers) -> CellBiomarkers {
-    CellBiomarkers {
-        sa_max_kpa: biomarkers.sa_max_kpa,
-        dsadt_max_kpa_per_ms: biomarkers.dsadt_max_kpa_per_ms,
-        std30_ms: biomarkers.std30_ms,
-        std50_ms: biomarkers.std50_ms,
-        std90_ms: biomarkers.std90_ms,
-        lambda_min: biomarkers.lambda_min,
-    }
 }
 
 fn median_csv(median: &MedianTraces, has_calcium: bool) -> String {

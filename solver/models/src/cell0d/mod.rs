@@ -12,7 +12,7 @@ mod rodas;
 mod system;
 pub mod tableau;
 
-pub use biomarkers::{ActiveStressBiomarkers, CalciumBiomarkers};
+pub use biomarkers::CalciumBiomarkers;
 pub use cell::{
     CalciumInput, Cell0d, CellBeat, CellError, CellParameters, CellSolverSettings, CellState,
 };

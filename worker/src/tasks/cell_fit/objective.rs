@@ -8,7 +8,7 @@ use cardiotwin_cell_engine::{
     SampledCalcium, Workspace,
 };
 use cardiotwin_models::contraction::LAMBDA_CAP;
-use cardiotwin_schemas::biomarkers::CellBiomarkers;
+use cardiotwin_schemas::biomarkers::{CELL_BIOMARKERS, CellBiomarkers};
 use cardiotwin_schemas::settings::InstructionSet;
 use cardiotwin_schemas::task::CellFitSpec;
 
@@ -31,7 +31,6 @@ pub struct Objective {
     names: Vec<String>,
     positions: Vec<usize>,
     bounds: Vec<Interval>,
-    targets: CellBiomarkers,
     objective: engine::Objective,
     engine: CellEngine,
     /// Positions of Ca50_ref, beta_1 and Ca_res in the engine's input.
@@ -84,11 +83,12 @@ impl Objective {
             let samples = calcium::samples(file, spec.cycle_length_ms)?;
             engine = engine.with_calcium(SampledCalcium::new(calcium::INTERVAL_MS, samples)?);
         }
-        let targets = checked(&spec.targets)?;
-        let objective = engine::Objective {
-            targets,
-            weights: weights(&settings.weights)?,
-        };
+        let mut objective = engine::Objective::new(checked(spec.targets)?);
+        for (name, value) in &settings.weights {
+            let position = CELL_BIOMARKERS.iter().position(|label| label.key == name);
+            let unknown = || TaskError::UnknownWeight { name: name.clone() };
+            objective.weights[position.ok_or_else(unknown)?] = *value;
+        }
         let sensitivity = [
             position("Ca50_ref_uM")?,
             position("beta_1_uM")?,
@@ -100,7 +100,6 @@ impl Objective {
             names,
             positions,
             bounds,
-            targets: spec.targets,
             objective,
             engine,
             sensitivity,
@@ -123,7 +122,7 @@ impl Objective {
     /// Targets of the fit.
     #[must_use]
     pub fn targets(&self) -> &CellBiomarkers {
-        &self.targets
+        &self.objective.targets
     }
 
     /// Value of a parameter that is not free.
@@ -188,7 +187,9 @@ impl Objective {
         if output.status != CellStatus::Periodic || shortage >= 1.0 {
             return WORST;
         }
-        let cost = self.objective.cost(&output.biomarkers, &output.penalty)
+        let cost = self
+            .objective
+            .cost(&output.reading.biomarkers, &output.penalty)
             + SHORTAGE_WEIGHT * shortage.powi(2);
         if cost.is_finite() {
             cost.min(WORST)
@@ -218,7 +219,7 @@ impl Objective {
                 status: format!("{:?}", output.status),
             });
         }
-        let biomarkers = to_schema(&output.biomarkers);
+        let biomarkers = output.reading.biomarkers;
         let mut terms = self.terms(&biomarkers, &output.penalty);
         let shortage = SHORTAGE_WEIGHT * self.sensitivity_shortage(&input).powi(2);
         if shortage > 0.0 {
@@ -233,11 +234,9 @@ impl Objective {
     }
 
     fn terms(&self, biomarkers: &CellBiomarkers, penalty: &Penalty) -> BTreeMap<String, f64> {
-        let rows = by_name(&self.targets)
-            .into_iter()
-            .zip(by_name(biomarkers))
-            .zip(self.objective.weights);
-        let misfit = rows.map(|(((name, target), (_, value)), weight)| {
+        let rows = self.objective.targets.by_name().into_iter();
+        let rows = rows.zip(biomarkers.values()).zip(self.objective.weights);
+        let misfit = rows.map(|(((name, target), value), weight)| {
             (name, weight * ((target - value) / target).powi(2))
         });
         let penalty = [
@@ -254,47 +253,12 @@ impl Objective {
     }
 }
 
-fn to_schema(biomarkers: &engine::CellBiomarkers) -> CellBiomarkers {
-    CellBiomarkers {
-        sa_max_kpa: biomarkers.sa_max_kpa,
-        dsadt_max_kpa_per_ms: biomarkers.dsa_dt_max_kpa_per_ms,
-        std30_ms: biomarkers.std30.ms,
-        std50_ms: biomarkers.std50.ms,
-        std90_ms: biomarkers.std90.ms,
-        lambda_min: biomarkers.lambda_min,
-    }
-}
-
-/// Checks the targets and returns them in the engine's order, which is also that of [`by_name`].
-fn checked(targets: &CellBiomarkers) -> Result<[f64; 6], TaskError> {
-    for (name, value) in by_name(targets) {
+/// Checks that each target is positive and finite.
+fn checked(targets: CellBiomarkers) -> Result<CellBiomarkers, TaskError> {
+    for (name, value) in targets.by_name() {
         if !(value > 0.0 && value.is_finite()) {
             return Err(TaskError::Target { name, value });
         }
     }
-    Ok(by_name(targets).map(|(_, value)| value))
-}
-
-/// Biomarkers with their names in files.
-#[must_use]
-pub fn by_name(biomarkers: &CellBiomarkers) -> [(&'static str, f64); 6] {
-    [
-        ("Sa_max_kPa", biomarkers.sa_max_kpa),
-        ("dSadt_max_kPa_per_ms", biomarkers.dsadt_max_kpa_per_ms),
-        ("STD30_ms", biomarkers.std30_ms),
-        ("STD50_ms", biomarkers.std50_ms),
-        ("STD90_ms", biomarkers.std90_ms),
-        ("lambda_min", biomarkers.lambda_min),
-    ]
-}
-
-/// Weights in the order of [`by_name`]; the paper's weight for a name that is absent.
-fn weights(given: &BTreeMap<String, f64>) -> Result<[f64; 6], TaskError> {
-    let names = by_name(&CellBiomarkers::default()).map(|(name, _)| name);
-    let mut weights = engine::Objective::new([1.0; 6]).weights;
-    for (name, value) in given {
-        let position = names.iter().position(|known| known == name);
-        weights[position.ok_or_else(|| TaskError::UnknownWeight { name: name.clone() })?] = *value;
-    }
-    Ok(weights)
+    Ok(targets)
 }

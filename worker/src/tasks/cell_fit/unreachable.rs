@@ -3,7 +3,6 @@
 use cardiotwin_schemas::biomarkers::CellBiomarkers;
 use cardiotwin_schemas::outcome::FittedParameter;
 
-use super::objective::by_name;
 use crate::nodal::number;
 
 /// Relative difference within which a target counts as reached.
@@ -53,14 +52,12 @@ pub fn describe(
     smax_ref_kpa: Option<f64>,
     a_p_kpa: f64,
 ) -> Vec<String> {
-    let rows = by_name(targets)
-        .into_iter()
-        .zip(by_name(reached))
-        .enumerate();
-    let missed =
-        rows.filter(|(_, ((_, target), (_, value)))| ((value - target) / target).abs() > REACHED);
+    let rows = targets.by_name().into_iter().zip(reached.values());
+    let missed = rows
+        .enumerate()
+        .filter(|(_, ((_, target), value))| ((value - target) / target).abs() > REACHED);
     missed
-        .map(|(idx, ((name, target), (_, value)))| {
+        .map(|(idx, ((name, target), value))| {
             let difference = 100.0 * (value - target) / target;
             let mut text = format!("{name}: {} aimed at, {} reached ({difference:+.0} %)", short(target), short(value));
             match (name, smax_ref_kpa) {
@@ -85,7 +82,7 @@ pub fn describe(
 /// Names the bounds that keep the fit from the target at position `idx`.
 fn wider(idx: usize, target: f64, value: f64, beyond: &[Beyond]) -> String {
     let miss = (value - target).abs();
-    let gain = |change: &Beyond| (miss - (by_name(&change.reached)[idx].1 - target).abs()) / miss;
+    let gain = |change: &Beyond| (miss - (change.reached.values()[idx] - target).abs()) / miss;
     let mut helping: Vec<(f64, &Beyond)> =
         beyond.iter().map(|change| (gain(change), change)).collect();
     helping.retain(|(gain, _)| *gain >= HELPS);

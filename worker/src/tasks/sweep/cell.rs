@@ -116,19 +116,19 @@ fn line(output: &CellOutput) -> String {
     let word = status(output.status);
     match output.status {
         CellStatus::Periodic | CellStatus::NotPeriodic => {
-            let b = &output.biomarkers;
-            let cut = u8::from(b.std30.cut || b.std50.cut || b.std90.cut);
+            let (r, b) = (&output.reading, &output.reading.biomarkers);
+            let cut = u8::from(r.cut.contains(&true));
             format!(
                 "{word},{:?},{:?},{:?},{:?},{:?},{cut},{:?},{:?},{:?},{:?},{}",
                 b.sa_max_kpa,
-                b.dsa_dt_max_kpa_per_ms,
-                b.std30.ms,
-                b.std50.ms,
-                b.std90.ms,
+                b.dsadt_max_kpa_per_ms,
+                b.std30_ms,
+                b.std50_ms,
+                b.std90_ms,
                 b.lambda_min,
-                b.sa_res_kpa,
-                b.sa_min_kpa,
-                b.max_rise_after_peak_kpa_per_ms,
+                r.sa_res_kpa,
+                r.sa_min_kpa,
+                r.max_rise_after_peak_kpa_per_ms,
                 output.beats
             )
         }

@@ -334,14 +334,11 @@ mod tests {
         assert_eq!(
             (number(3), number(7)),
             (
-                output[0].biomarkers.sa_max_kpa,
-                output[0].biomarkers.std90.ms
+                output[0].reading.biomarkers.sa_max_kpa,
+                output[0].reading.biomarkers.std90_ms
             )
         );
-        assert_eq!(
-            number(12),
-            output[0].biomarkers.max_rise_after_peak_kpa_per_ms
-        );
+        assert_eq!(number(12), output[0].reading.max_rise_after_peak_kpa_per_ms);
     }
 
     #[test]
