@@ -46,38 +46,6 @@ pub(crate) mod at {
     pub const A_P: usize = 21;
 }
 
-/// Constants of Land's three-element passive model that no fit touches.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct PassiveConstants {
-    /// Exponent b of the parallel spring.
-    pub b: f64,
-    /// Ratio k of the serial spring to the parallel one.
-    pub k: f64,
-    /// Dashpot while the serial spring is stretched \[ms\].
-    pub eta_l_ms: f64,
-    /// Dashpot while it is compressed \[ms\].
-    pub eta_s_ms: f64,
-}
-
-impl Default for PassiveConstants {
-    /// Constants of the default [`LandPassiveParameters`], without the scale a_p.
-    fn default() -> Self {
-        let LandPassiveParameters {
-            a_p_kpa: _,
-            b,
-            k,
-            eta_l_ms,
-            eta_s_ms,
-        } = LandPassiveParameters::default();
-        Self {
-            b,
-            k,
-            eta_l_ms,
-            eta_s_ms,
-        }
-    }
-}
-
 /// One cell to evaluate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CellInput {
@@ -87,19 +55,17 @@ pub struct CellInput {
     pub cycle_length_ms: f64,
     /// Initial stretch λ₀, to which the passive strain λ/λ₀ − 1 is relative.
     pub lambda_0: f64,
-    /// The passive model's constants.
-    pub passive: PassiveConstants,
 }
 
 impl CellInput {
-    /// A cell with the passive model's published constants.
+    /// A cell whose passive constants b, k, η_l and η_s are those of the default
+    /// [`LandPassiveParameters`].
     #[must_use]
     pub fn new(parameters: [f64; N_PARAMETERS], cycle_length_ms: f64, lambda_0: f64) -> Self {
         Self {
             parameters,
             cycle_length_ms,
             lambda_0,
-            passive: PassiveConstants::default(),
         }
     }
 }
@@ -261,7 +227,6 @@ impl CellInput {
                 });
             }
         }
-        let passive = self.passive;
         let others = [
             (
                 "cycle_length_ms",
@@ -271,22 +236,6 @@ impl CellInput {
                 "10 to 100000",
             ),
             ("lambda_0", self.lambda_0, 0.2, 5.0, "0.2 to 5"),
-            ("passive b", passive.b, 1e-3, 100.0, "0.001 to 100"),
-            ("passive k", passive.k, 1e-3, 1e4, "0.001 to 10000"),
-            (
-                "passive eta_l_ms",
-                passive.eta_l_ms,
-                1e-3,
-                1e6,
-                "0.001 to 1e6",
-            ),
-            (
-                "passive eta_s_ms",
-                passive.eta_s_ms,
-                1e-3,
-                1e6,
-                "0.001 to 1e6",
-            ),
         ];
         for (name, value, low, high, expected) in others {
             if !(low..=high).contains(&value) {
@@ -309,18 +258,9 @@ impl CellInput {
         let p = &self.parameters;
         let [active @ .., _, _, _, _, a_p_kpa] = *p;
         let land = Equations::new(&Land2017Parameters::from_values(active));
-        let PassiveConstants {
-            b,
-            k,
-            eta_l_ms,
-            eta_s_ms,
-        } = self.passive;
         let passive = LandPassive::new(&LandPassiveParameters {
             a_p_kpa,
-            b,
-            k,
-            eta_l_ms,
-            eta_s_ms,
+            ..LandPassiveParameters::default()
         });
         if land.k_wu < 0.0 && negative_kwu == NegativeKwu::Refuse {
             return Err(InputProblem::NegativeKwu {

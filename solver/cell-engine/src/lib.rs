@@ -35,9 +35,7 @@ pub use biomarkers::{CellReading, Penalty};
 pub use calcium::SampledCalcium;
 pub use dispatch::{PathMissing, SimdPath};
 pub use engine::{CellEngine, EngineError, Workspace};
-pub use input::{
-    CellInput, DEFAULT_PARAMETERS, N_PARAMETERS, NegativeKwu, PARAMETER_NAMES, PassiveConstants,
-};
+pub use input::{CellInput, DEFAULT_PARAMETERS, N_PARAMETERS, NegativeKwu, PARAMETER_NAMES};
 pub use input_problem::InputProblem;
 pub use output::{CellOutput, CellStatus, CellTrace, CostBound, Objective};
 pub use settings::EngineSettings;
