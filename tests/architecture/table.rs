@@ -80,8 +80,8 @@ pub const CRATES: &[Rule] = &[
     },
     Rule {
         who: "calibrate",
-        may: &["vocabulary"],
-        why: "algorithms meet models by ask and tell or by closures",
+        may: &["vocabulary", "models"],
+        why: "algorithms meet models by ask and tell or by closures; the calcium fit takes its closed form from models",
     },
     Rule {
         who: "discover",

@@ -6,7 +6,7 @@
 //!     > examples/calcium/transient.csv
 //! ```
 
-use cardiotwin_calibrate::calcium_fit::RiceParameters;
+use cardiotwin_calibrate::calcium_fit::Rice2008Parameters;
 use cardiotwin_calibrate::normal;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -16,7 +16,7 @@ const NOISE_UM: f64 = 0.01;
 const SEED: u64 = 20;
 
 fn main() {
-    let rice = RiceParameters {
+    let rice = Rice2008Parameters {
         ca_res_um: 0.12,
         ca_max_um: 0.7,
         tau_cr_ms: 170.0,

@@ -1,4 +1,5 @@
 //! Algorithms of the personalisation with an ask-and-tell interface: no model, clock or thread.
+//! The calcium fit alone takes its curve, a closed form, from the models.
 //!
 //! The caller requests parameters, runs the simulations and returns the results. Every state can be
 //! stored and continued, and the same history leads to the same proposal.

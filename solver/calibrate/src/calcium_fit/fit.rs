@@ -1,6 +1,6 @@
 //! Bounds, starts and minimisation of the calcium fit, and the conclusions from its intervals.
 
-use super::{CalciumFit, Estimate, RiceParameters, TimeConstants};
+use super::{CalciumFit, Estimate, Rice2008Parameters, TimeConstants};
 use crate::least_squares::{self, Fit, LeastSquaresError};
 use crate::profile_interval::Profile;
 use crate::{Interval, normal};
@@ -86,9 +86,9 @@ pub(super) struct Problem<'a> {
 }
 
 /// Parameters from resting and peak calcium, mean time constant and asymmetry.
-fn from_asymmetry(x: &[f64]) -> RiceParameters {
+fn from_asymmetry(x: &[f64]) -> Rice2008Parameters {
     let half_gap = x[3].max(0.0).sqrt();
-    RiceParameters {
+    Rice2008Parameters {
         ca_res_um: x[0],
         ca_max_um: x[1],
         tau_cr_ms: x[2] * (1.0 + half_gap),
@@ -97,8 +97,8 @@ fn from_asymmetry(x: &[f64]) -> RiceParameters {
 }
 
 /// Parameters from resting and peak calcium and both time constants.
-fn from_time_constants(x: &[f64]) -> RiceParameters {
-    RiceParameters {
+fn from_time_constants(x: &[f64]) -> Rice2008Parameters {
+    Rice2008Parameters {
         ca_res_um: x[0],
         ca_max_um: x[1],
         tau_cr_ms: x[2],
@@ -107,7 +107,7 @@ fn from_time_constants(x: &[f64]) -> RiceParameters {
 }
 
 impl Problem<'_> {
-    fn residuals(&self, parameters: &RiceParameters) -> Vec<f64> {
+    fn residuals(&self, parameters: &Rice2008Parameters) -> Vec<f64> {
         let transient = parameters.transient_um(&self.times_ms);
         transient
             .iter()

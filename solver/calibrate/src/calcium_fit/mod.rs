@@ -17,31 +17,13 @@
 mod fit;
 #[cfg(test)]
 mod tests;
-mod transient;
 
+pub use cardiotwin_models::calcium::Rice2008Parameters;
 pub use cardiotwin_vocabulary::fits::TimeConstants;
 pub use fit::{CalciumFitError, CalciumFitSettings, fit_calcium};
-use serde::{Deserialize, Serialize};
-
-/// Rice's parameters as fitted here. The decay is taken to be the slower of the two processes,
-/// although the curve does not determine which is slower.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RiceParameters {
-    /// Calcium at rest, between two transients \[µM\].
-    #[serde(rename = "ca_res_uM")]
-    pub ca_res_um: f64,
-    /// Calcium at the peak of the transient \[µM\].
-    #[serde(rename = "ca_max_uM")]
-    pub ca_max_um: f64,
-    /// Longer of the two time constants, or both \[ms\].
-    pub tau_cr_ms: f64,
-    /// Shorter of the two time constants, or both \[ms\].
-    pub tau_cd_ms: f64,
-}
 
 /// One fitted quantity, in its unit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// Value at which the sum of squares is smallest.
     pub value: f64,
@@ -55,15 +37,14 @@ pub struct Estimate {
 }
 
 /// A fitted transient.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct CalciumFit {
-    /// Best values of the parameters.
-    pub parameters: RiceParameters,
+    /// Best values of the parameters. The first time constant is taken to be the longer one,
+    /// although the curve does not determine which is longer.
+    pub parameters: Rice2008Parameters,
     /// Calcium at rest, between two transients \[µM\].
-    #[serde(rename = "ca_res_uM")]
     pub ca_res_um: Estimate,
     /// Calcium at the peak of the transient \[µM\].
-    #[serde(rename = "ca_max_uM")]
     pub ca_max_um: Estimate,
     /// Longer of the two time constants \[ms\].
     pub tau_cr_ms: Estimate,
@@ -78,7 +59,6 @@ pub struct CalciumFit {
     /// Number of samples of the trace.
     pub n_samples: usize,
     /// Root of the mean squared residual, µM.
-    #[serde(rename = "root_mean_square_uM")]
     pub root_mean_square_um: f64,
     /// Correlation of neighbouring residuals, dimensionless. It is near zero for noise. It is near
     /// one if the model misses the shape of the trace or the noise is smooth; intervals are then

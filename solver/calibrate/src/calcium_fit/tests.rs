@@ -5,8 +5,8 @@ use crate::normal;
 use crate::random::{Purpose, generator};
 use rand::Rng;
 
-fn truth(tau_cr_ms: f64, tau_cd_ms: f64) -> RiceParameters {
-    RiceParameters {
+fn truth(tau_cr_ms: f64, tau_cd_ms: f64) -> Rice2008Parameters {
+    Rice2008Parameters {
         ca_res_um: 0.15,
         ca_max_um: 0.6,
         tau_cr_ms,
@@ -19,7 +19,7 @@ fn times() -> Vec<f64> {
 }
 
 /// A trace with independent normal noise.
-fn noisy(p: &RiceParameters, standard_deviation: f64, seed: u64) -> Vec<f64> {
+fn noisy(p: &Rice2008Parameters, standard_deviation: f64, seed: u64) -> Vec<f64> {
     let mut random = generator(seed, Purpose::LatinHypercube, [7, 7]);
     let mut noise =
         || standard_deviation * normal::quantile(random.random_range(1e-12..1.0 - 1e-12));

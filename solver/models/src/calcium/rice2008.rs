@@ -124,6 +124,16 @@ pub struct Rice2008 {
 /// Relative difference of the rates below which the limit is exact to round-off.
 const EQUAL_RATES: f64 = 1e-9;
 
+impl Rice2008Parameters {
+    /// Calcium \[µM\] at times \[ms\] after activation, of parameters that nobody has checked; the
+    /// resting value before activation.
+    #[must_use]
+    pub fn transient_um(&self, times_ms: &[f64]) -> Vec<f64> {
+        let rice = Rice2008::unchecked(*self);
+        times_ms.iter().map(|s| rice.concentration_um(*s)).collect()
+    }
+}
+
 impl Rice2008 {
     /// Checks the parameters and prepares the transient.
     ///
@@ -149,10 +159,19 @@ impl Rice2008 {
                 ca_max_um,
             });
         }
-        Ok(Self {
+        Ok(Self::unchecked(parameters))
+    }
+
+    fn unchecked(parameters: Rice2008Parameters) -> Self {
+        let Rice2008Parameters {
+            tau_cr_ms,
+            tau_cd_ms,
+            ..
+        } = parameters;
+        Self {
             parameters,
             shape: Rice2008Shape::new(tau_cr_ms, tau_cd_ms, EQUAL_RATES),
-        })
+        }
     }
 
     /// Parameters of the transient.

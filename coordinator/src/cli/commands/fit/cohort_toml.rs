@@ -114,11 +114,11 @@ fn rounded(value: f64) -> String {
 mod tests {
     use super::*;
     use crate::input::{Options, Report, load};
-    use cardiotwin_calibrate::calcium_fit::{CalciumFitSettings, RiceParameters, fit_calcium};
+    use cardiotwin_calibrate::calcium_fit::{CalciumFitSettings, Rice2008Parameters, fit_calcium};
 
     fn fit(tau_cr_ms: f64, tau_cd_ms: f64, n: u32) -> CalciumFit {
         let times: Vec<f64> = (0..n).map(|i| 10.0 * f64::from(i)).collect();
-        let rice = RiceParameters {
+        let rice = Rice2008Parameters {
             ca_res_um: 0.15,
             ca_max_um: 0.6,
             tau_cr_ms,
