@@ -177,6 +177,7 @@ SlurmdDebug=info
 TmpFS=$ROOT/tmp/%n
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
+TaskProlog=$ROOT/etc/task-prolog
 SwitchType=switch/none
 JobAcctGatherType=jobacct_gather/linux
 JobAcctGatherFrequency=task=1
@@ -231,6 +232,10 @@ PartitionName=scavenge MaxTime=1-00:00:00 PriorityTier=1 PreemptMode=CANCEL Allo
 CONF
     fi
     [ -z "$MORE_CONF" ] || cat "$MORE_CONF" >>"$SLURM_CONF"
+}
+write_task_prolog() { # nodes of one machine are not to share memory: an MPI that sees one host would mix up their files
+    printf '#!/bin/sh\necho export OMPI_MCA_btl=tcp,self\necho export MPIR_CVAR_NOLOCAL=1\n' >"$ROOT/etc/task-prolog"
+    chmod +x "$ROOT/etc/task-prolog"
 }
 write_cgroup_conf() { # newer ones set cgroups up even where no plugin wants them, and fail where they may not
     local version plugin=""
@@ -347,6 +352,7 @@ start() {
         PORT_DBD=$((PORT + NODES + 1)) PORT_DB=$((PORT + NODES + 2))
         write_slurm_conf
         write_cgroup_conf
+        write_task_prolog
     fi
     start_munged
     if [ "$ACCOUNTING" = yes ]; then

@@ -9,3 +9,8 @@ pub(crate) const fn one() -> f64 {
 pub(crate) fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
+
+/// Whether a count is omitted from files.
+pub(crate) fn is_zero_count(value: &u32) -> bool {
+    *value == 0
+}

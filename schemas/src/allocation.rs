@@ -33,10 +33,13 @@ pub struct JobOrder {
     pub lanes: u32,
     /// Number of threads per simulation.
     pub threads: u32,
-    /// MPI launcher with its arguments. 3D simulations then run on `threads` ranks, each as a step
-    /// of the job.
+    /// MPI launcher with its arguments. 3D simulations then run on `threads` ranks.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub launcher: Vec<String>,
+    /// Steps of the job, if one driver makes each simulation a step on nodes of its own; absent if
+    /// a driver on each node runs its simulations there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps: Option<Steps>,
     /// Instruction set of the cell engine.
     #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
     pub instruction_set: InstructionSet,
@@ -48,6 +51,16 @@ pub struct JobOrder {
     pub expected_s: BTreeMap<String, f64>,
     /// Patients of the element, in the order of their processing.
     pub patients: Vec<JobPatient>,
+}
+
+/// Steps of a job whose simulations run on MPI ranks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct Steps {
+    /// Number of nodes of each simulation.
+    pub nodes: u32,
+    /// Memory of a simulation that shares its node with others, MiB.
+    #[serde(rename = "memory_MiB")]
+    pub memory_mib: u64,
 }
 
 /// A patient of a job, with all data that determine its next task.

@@ -35,4 +35,8 @@ pub struct Claim {
     pub pid_start_ticks: u64,
     /// Time of the claim, UTC, RFC 3339.
     pub at: String,
+    /// Names of the nodes on which MPI ranks work on the attempt, rank 0's first. Empty for a
+    /// process that works alone.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub nodes: Vec<String>,
 }

@@ -401,14 +401,20 @@ pub struct ExecutorSettings {
     pub workers: u32,
     /// Threads of each worker. With 0 on this computer, step 0 and beats of a 3D ventricle with
     /// 8,000 nodes or more use all cores and run alone; all other tasks use one thread.
-    #[schemars(range(min = 0, max = 1024))]
+    #[schemars(range(min = 0, max = 16384))]
     pub threads: u32,
     /// MPI launcher with its arguments, for example `["mpirun"]` or `["srun", "--mpi=pmix"]`. A 3D
     /// simulation with several threads then runs on as many ranks of `cardiotwin-worker-mpi`
-    /// instead: `LAUNCHER -n THREADS cardiotwin-worker-mpi run …`. In a job of a cluster, the ranks
-    /// run on the node of the driver.
+    /// instead. In a job of a cluster each simulation is a step of the job, on nodes of its own or
+    /// on a share of a node, and the launcher is told where. Options of the site's profile come
+    /// first where both name the same program.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub launcher: Vec<String>,
+    /// Largest number of MPI ranks on a node of a cluster; 0 for the node's cores. A simulation
+    /// with more ranks runs on several nodes.
+    #[serde(skip_serializing_if = "crate::absent::is_zero_count")]
+    #[schemars(range(min = 0, max = 1024))]
+    pub ranks_per_node: u32,
     /// Instructions of the cell engine, which every outcome records.
     pub instruction_set: InstructionSet,
     /// Number of automatic repeats of a task that failed because of the site (process killed, disk
@@ -515,6 +521,7 @@ impl Default for ExecutorSettings {
             workers: 0,
             threads: 0,
             launcher: vec![],
+            ranks_per_node: 0,
             instruction_set: InstructionSet::Auto,
             site_retries: 2,
             vtu_every_ms: 0.0,

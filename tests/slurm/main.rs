@@ -14,6 +14,7 @@ mod faults;
 mod figures;
 mod kills;
 mod privacy;
+mod ranks;
 mod sweeps;
 mod whole;
 
@@ -44,8 +45,12 @@ const TESTS: &[Test] = &[
         whole::a_cohort_on_another_solver_survives_a_killed_worker,
     ),
     (
-        "a beat in 3D runs on MPI ranks of its job",
-        whole::a_beat_in_3d_runs_on_mpi_ranks_of_its_job,
+        "four patients share two nodes of ARCHER2",
+        ranks::four_patients_share_two_nodes_of_archer2,
+    ),
+    (
+        "one simulation spans nodes",
+        ranks::one_simulation_spans_nodes,
     ),
     (
         "a plan is what is submitted",

@@ -15,6 +15,7 @@ use cardiotwin_protocol::closing::{self, PreparedOutcome, Winner};
 use cardiotwin_protocol::{names, process};
 use cardiotwin_schemas::formats::{FormatError, SPEC};
 use cardiotwin_schemas::outcome::TaskOutcome;
+use cardiotwin_schemas::progress::Claim;
 use cardiotwin_schemas::task::AttemptSpec;
 
 use crate::clock;
@@ -70,11 +71,13 @@ pub struct Attempt {
 impl Attempt {
     /// Reads `spec.json` and claims the directory for this process.
     ///
+    /// - `nodes`: names of the nodes whose MPI ranks work on it; empty for a process alone
+    ///
     /// # Errors
     /// [`AttemptError::Claimed`] when any process, living or dead, claimed it before;
     /// [`AttemptError::Revoked`] when it was revoked already; otherwise when files cannot be read
     /// or written.
-    pub fn claim(directory: &Path) -> Result<Self, AttemptError> {
+    pub fn claim(directory: &Path, nodes: &[String]) -> Result<Self, AttemptError> {
         let spec = read_spec(&directory.join(names::SPEC))?;
         let attempt = Self {
             directory: directory.to_owned(),
@@ -83,7 +86,11 @@ impl Attempt {
         if closing::is_revoked(directory) {
             return Err(attempt.revoked());
         }
-        match claim::take(directory, &process::claim_of_this_process(clock::now())) {
+        let by = Claim {
+            nodes: nodes.to_vec(),
+            ..process::claim_of_this_process(clock::now())
+        };
+        match claim::take(directory, &by) {
             Ok(true) => Ok(attempt),
             Ok(false) => Err(AttemptError::Claimed {
                 directory: directory.to_owned(),
@@ -190,13 +197,13 @@ mod tests {
     #[test]
     fn a_claim_names_a_living_process_and_is_given_once() {
         let directory = directory_with_spec(SPEC.version);
-        let attempt = Attempt::claim(directory.path()).unwrap();
+        let attempt = Attempt::claim(directory.path(), &[]).unwrap();
         assert_eq!(attempt.spec.task.kind(), "noop");
         let claim: Claim =
             serde_json::from_slice(&fs::read(directory.path().join("started.json")).unwrap())
                 .unwrap();
         assert_eq!(process::start_ticks(claim.pid), Some(claim.pid_start_ticks));
-        let error = Attempt::claim(directory.path()).unwrap_err();
+        let error = Attempt::claim(directory.path(), &[]).unwrap_err();
         assert!(
             matches!(&error, AttemptError::Claimed { holder, .. } if holder.ends_with("which is running")),
             "{error}"
@@ -212,13 +219,16 @@ mod tests {
             pid: 1,
             pid_start_ticks: 1,
             at: "t".into(),
+            nodes: Vec::new(),
         };
         fs::write(
             directory.path().join("started.json"),
             serde_json::to_string(&claim).unwrap(),
         )
         .unwrap();
-        let error = Attempt::claim(directory.path()).unwrap_err().to_string();
+        let error = Attempt::claim(directory.path(), &[])
+            .unwrap_err()
+            .to_string();
         assert!(
             error.contains("process 1 on h since t, which is gone"),
             "{error}"
@@ -228,7 +238,9 @@ mod tests {
     #[test]
     fn a_spec_of_another_format_is_refused_with_both_versions() {
         let directory = directory_with_spec(SPEC.version + 1);
-        let error = Attempt::claim(directory.path()).unwrap_err().to_string();
+        let error = Attempt::claim(directory.path(), &[])
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("version 2, expected version 1"), "{error}");
         assert!(!directory.path().join("started.json").exists());
     }

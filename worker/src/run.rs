@@ -35,7 +35,8 @@ pub fn run_attempt(
     echo: bool,
 ) -> Result<Ending, AttemptError> {
     let beginning = Beginning::now();
-    let attempt = Attempt::claim(directory)?;
+    let nodes = team.as_ref().map_or(&[][..], Team::nodes);
+    let attempt = Attempt::claim(directory, nodes)?;
     let mut context = Context {
         artefacts: Artefacts::in_directory(directory),
         threads: if team.is_some() {

@@ -1,4 +1,4 @@
-//! Requests to stop by SIGTERM or SIGINT. Tasks check for them where they can interrupt their work.
+//! Requests to stop by SIGTERM, SIGINT or SIGUSR2. Tasks check for them where they can interrupt their work.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,17 +11,20 @@ pub struct StopFlag {
 }
 
 impl StopFlag {
-    /// A flag that SIGTERM and SIGINT raise instead of killing the process. SIGUSR1 requests a
-    /// checkpoint.
+    /// A flag that SIGTERM, SIGINT and SIGUSR2 raise instead of killing the process. SIGUSR1
+    /// requests a checkpoint.
+    ///
+    /// Launchers of MPI pass SIGUSR2 on to the ranks, whereas SIGTERM makes them kill the ranks.
     ///
     /// # Errors
     /// When the kernel refuses the signal handler.
     pub fn on_signals() -> std::io::Result<Self> {
         let flag = Self::default();
-        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        use signal_hook::consts::{SIGINT, SIGTERM, SIGUSR1, SIGUSR2};
+        for signal in [SIGTERM, SIGINT, SIGUSR2] {
             signal_hook::flag::register(signal, Arc::clone(&flag.stop))?;
         }
-        signal_hook::flag::register(signal_hook::consts::SIGUSR1, Arc::clone(&flag.checkpoint))?;
+        signal_hook::flag::register(SIGUSR1, Arc::clone(&flag.checkpoint))?;
         Ok(flag)
     }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use cardiotwin_linalg::parallel::Communicator;
+use cardiotwin_protocol::process;
 
 use crate::call::Call;
 
@@ -13,6 +14,7 @@ use crate::call::Call;
 pub struct Team {
     comm: Arc<dyn Communicator>,
     amid: Arc<AtomicBool>,
+    nodes: Arc<Vec<String>>,
 }
 
 /// Work in which all ranks take part. Unless a panic drops it, the other ranks wait for the next
@@ -43,7 +45,25 @@ impl Team {
         Self {
             comm,
             amid: Arc::default(),
+            nodes: Arc::default(),
         }
+    }
+
+    /// Tells rank 0 the names of the nodes on which the ranks are. All ranks call this.
+    #[must_use]
+    pub fn that_knows_its_nodes(self) -> Self {
+        let mut nodes = gather_texts(self.comm.as_ref(), &process::node()).unwrap_or_default();
+        nodes.dedup();
+        Self {
+            nodes: Arc::new(nodes),
+            ..self
+        }
+    }
+
+    /// Names of the nodes on which the ranks are, rank 0's first; empty if they were not asked.
+    #[must_use]
+    pub fn nodes(&self) -> &[String] {
+        &self.nodes
     }
 
     /// Number of ranks in the team, rank 0 included.
@@ -98,4 +118,14 @@ impl Team {
         let words: Vec<u8> = words.into_iter().map(|word| word as u8).collect();
         Some(serde_json::from_slice(&words).expect("rank 0 sends a call"))
     }
+}
+
+/// Texts of all ranks, in their order, on rank 0; `None` on the others. All ranks call this.
+pub fn gather_texts(comm: &dyn Communicator, text: &str) -> Option<Vec<String>> {
+    let bytes: Vec<f64> = text.bytes().map(f64::from).collect();
+    let texts = comm.gather(&bytes)?.into_iter().map(|bytes| {
+        let bytes: Vec<u8> = bytes.into_iter().map(|byte| byte as u8).collect();
+        String::from_utf8_lossy(&bytes).into_owned()
+    });
+    Some(texts.collect())
 }

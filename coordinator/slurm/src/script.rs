@@ -2,8 +2,11 @@
 //!
 //! Every script has `--no-requeue` (a retry is decided by the coordinator and runs in a new
 //! directory), a unique job name, appended output and nothing of the submitter's environment. Slurm
-//! sends it a warning before its walltime, which it passes on to its steps. A bundle starts one
-//! step per simulation, in parallel, and takes the next one while the remaining time suffices.
+//! sends it a warning before its walltime, which it passes on to the driver.
+//!
+//! Where simulations run on threads, each node has a driver. Where they run on MPI ranks, the script
+//! itself starts one driver, which makes each simulation a step of the job on the nodes of its
+//! place. The driver is no step, so that it holds none of the job's cores and memory.
 
 use crate::job::JobName;
 use crate::site::{Queue, Site, Unit};
@@ -48,33 +51,30 @@ pub struct Array {
 /// Commands of a job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Work {
-    /// One command, run once on every node: a worker that itself uses every core of its node. The
+    /// One command, run once on every node: a driver that itself uses every core of its node. The
     /// index of the array is in `SLURM_ARRAY_TASK_ID`.
     PerNode {
         /// Path of the program, then its arguments.
         command: Vec<String>,
     },
-    /// Many MPI steps, in parallel as far as they fit, and the others as places become free.
-    Bundle {
-        /// Steps in the order in which they are taken.
-        steps: Vec<Step>,
-        /// Number of nodes of each step.
-        nodes_per_step: u32,
-        /// Number of ranks on each of its nodes.
-        ranks_per_node: u32,
+    /// One command, run by the script itself on the job's first node: a driver that makes steps. The
+    /// names of the job's nodes are in [`HOSTS`].
+    PerJob {
+        /// Path of the program, then its arguments.
+        command: Vec<String>,
     },
 }
 
-/// One step of a bundle.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Step {
-    /// Path of the program, then its arguments.
-    pub command: Vec<String>,
-    /// Expected duration, s. The step is not started if less time is left before the warning.
-    pub predicted_s: u64,
-    /// Absolute path of its log.
-    pub log: String,
+impl Work {
+    fn command(&self) -> &[String] {
+        match self {
+            Self::PerNode { command } | Self::PerJob { command } => command,
+        }
+    }
 }
+
+/// Name of the environment variable with the names of the job's nodes, separated by blanks.
+pub const HOSTS: &str = "CARDIOTWIN_HOSTS";
 
 /// Reason why no script is made.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -185,15 +185,8 @@ fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
             });
         }
     }
-    let words = match &job.work {
-        Work::PerNode { command } => command.iter().collect::<Vec<_>>(),
-        Work::Bundle { steps, .. } => steps
-            .iter()
-            .flat_map(|step| step.command.iter().chain([&step.log]))
-            .collect(),
-    };
+    let words = job.work.command().iter();
     if let Some(word) = words
-        .into_iter()
         .chain([&job.folder])
         .find(|word| word.contains(['\n', '\r', '\0']))
     {
@@ -240,28 +233,18 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     ));
     option(format!("--nodes={}", job.n_nodes));
     let whole_nodes = queue.unit.unwrap_or(site.node.unit) == Unit::Node;
-    match &job.work {
-        Work::Bundle { ranks_per_node, .. } => {
-            option(format!("--ntasks-per-node={ranks_per_node}"));
-            option(format!(
-                "--cpus-per-task={}",
-                (site.node.cores / (*ranks_per_node).max(1))
-                    .max(1)
-                    .min(job.n_cores.max(1))
-            ));
-        }
-        Work::PerNode { .. } => {
-            option("--ntasks-per-node=1".to_owned());
-            option(format!(
-                "--cpus-per-task={}",
-                if whole_nodes {
-                    site.node.cores
-                } else {
-                    job.n_cores
-                }
-            ));
-        }
-    }
+    let n_cores = if whole_nodes {
+        site.node.cores
+    } else {
+        job.n_cores
+    };
+    // mpirun takes the number of tasks for the number of ranks that a node may have.
+    let (n_tasks, n_cores_per_task) = match &job.work {
+        Work::PerJob { .. } => (n_cores, 1),
+        Work::PerNode { .. } => (1, n_cores),
+    };
+    option(format!("--ntasks-per-node={n_tasks}"));
+    option(format!("--cpus-per-task={n_cores_per_task}"));
     if whole_nodes {
         option("--exclusive".to_owned());
     } else if let Some(memory) = job.memory_mib {
@@ -300,109 +283,54 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     ));
     lines.push(format!("warning={}", job.warning_s + 60));
     lines.push(COMMON.trim_end().to_owned());
-    let launcher = command_line(&site.launcher.command);
+    let command = command_line(job.work.command());
     match &job.work {
-        Work::PerNode { command } => {
+        Work::PerNode { .. } => {
+            let launcher = command_line(&site.launcher.command);
             lines.push(format!(
-                "{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {} &",
-                command_line(command)
+                "{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {command} &"
             ));
-            lines.push("started_one".to_owned());
-            lines.push("settle".to_owned());
-            lines.push("exit \"$worst\"".to_owned());
         }
-        Work::Bundle {
-            steps,
-            nodes_per_step,
-            ranks_per_node,
-        } => {
-            let n_ranks = nodes_per_step * ranks_per_node;
-            let mut options = vec![
-                launcher,
-                "--exact".to_owned(),
-                format!("--nodes={nodes_per_step}"),
-                format!("--ntasks={n_ranks}"),
-            ];
-            options.push(format!("--ntasks-per-node={ranks_per_node}"));
-            if let Some(per_core) = site.launcher.memory_per_core_mib {
-                let cores = u64::from((site.node.cores / (*ranks_per_node).max(1)).max(1))
-                    * u64::from(*ranks_per_node);
-                options.push(format!(
-                    "--mem={}M",
-                    (per_core * cores).min(site.node.memory_mib)
-                ));
-            }
-            options.extend(site.launcher.mpi.iter().map(|word| quoted(word)));
+        Work::PerJob { .. } => {
             lines.push(format!(
-                "at_once={}",
-                (job.n_nodes / (*nodes_per_step).max(1)).max(1)
+                "{HOSTS}=$(scontrol show hostnames \"$SLURM_JOB_NODELIST\" | tr '\\n' ' ')"
             ));
-            lines.push(format!(
-                "start() {{ exec {} \"$@\"; }} # exec, so that the warning reaches the step and not a shell",
-                options.join(" ")
-            ));
-            for step in steps {
-                let log = quoted(&step.log);
-                lines.push(format!(
-                    "take {} {log} {}",
-                    step.predicted_s,
-                    command_line(&step.command)
-                ));
-            }
-            lines.push("settle".to_owned());
-            lines.push("echo \"bundle: $started started, $left left for another job\"".to_owned());
-            lines.push("exit \"$worst\"".to_owned());
+            lines.push(format!("export {HOSTS}"));
+            lines.push(format!("{command} &"));
         }
     }
+    lines.push(WAIT.trim_end().to_owned());
     Ok(lines.join("\n") + "\n")
 }
 
-/// Part of every script: the warning is passed on to the steps, and waiting continues after it.
-/// bash handles a signal only between commands in the foreground, which is why the script uses
-/// `wait`.
-const COMMON: &str = r#"began=$(date +%s) warned=0 worst=0 started=0 left=0 steps=()
-export CARDIOTWIN_LEAVE_AT=$((began + seconds - warning)) # when the driver or worker must have left
-trap 'warned=1; for step in "${steps[@]}"; do kill -USR1 "$step" 2>/dev/null; done' USR1
-reap() { # waits for the end of a step or for the warning
-    local step code still=()
-    wait -n
-    for step in "${steps[@]}"; do
-        if kill -0 "$step" 2>/dev/null; then still+=("$step"); continue; fi
-        wait "$step"; code=$?
-        [ "$code" -le "$worst" ] || worst=$code
-    done
-    steps=("${still[@]}")
-}
-started_one() { # passes on a warning that arrived before the step was recorded
-    steps+=($!); started=$((started + 1))
-    [ "$warned" = 0 ] || kill -USR1 "$!" 2>/dev/null
-}
-settle() { while [ "${#steps[@]}" -gt 0 ]; do reap; done; }
-take() { # predicted seconds, log, command: starts it when a slot is free, if the remaining time suffices
-    local predicted=$1 log=$2
-    shift 2
-    while [ "${#steps[@]}" -ge "$at_once" ]; do reap; done
-    if [ "$warned" = 1 ] || [ $((began + seconds - warning - $(date +%s))) -lt "$predicted" ]; then left=$((left + 1)); return; fi
-    start "$@" >>"$log" 2>&1 &
-    started_one
-}
+/// Begin of every script's commands. bash handles a signal only between commands in the
+/// foreground, which is why the script uses `wait`, and waits again after the warning.
+const COMMON: &str = r#"began=$(date +%s) warned=0 driver=
+export CARDIOTWIN_LEAVE_AT=$((began + seconds - warning)) # when the driver must have left
+trap 'warned=1; [ -z "$driver" ] || kill -USR1 "$driver" 2>/dev/null' USR1
+"#;
+
+/// End of every script. A warning that arrived before the driver's process was known is passed on.
+const WAIT: &str = r#"driver=$!
+[ "$warned" = 0 ] || kill -USR1 "$driver" 2>/dev/null
+wait "$driver"; code=$?
+while kill -0 "$driver" 2>/dev/null; do wait "$driver"; code=$?; done
+if [ "$code" -gt 128 ]; then # the warning's number, if the driver ended while it was passed on
+    wait "$driver" 2>/dev/null; last=$?
+    [ "$last" = 127 ] || code=$last
+fi
+exit "$code"
 "#;
 
 #[cfg(test)]
 mod tests {
-    use super::{Array, Job, ScriptError, Step, Work, write};
+    use super::{Array, Job, ScriptError, Work, write};
     use crate::job::JobName;
     use crate::site::Use;
     use crate::site::tests::shipped as site;
-    use std::os::unix::fs::PermissionsExt;
     use std::process::Command;
 
-    fn bundle(n_nodes: u32, n_steps: usize) -> Job {
-        let step = |i: usize| Step {
-            command: vec!["echo".to_owned(), format!("it's {i}")],
-            predicted_s: 3600,
-            log: format!("/data/run/attempts/a b{i}/stderr.log"),
-        };
+    fn simulations(n_nodes: u32) -> Job {
         Job {
             name: JobName::new("ct-coa-b1-g1").expect("a name"),
             account: Some("t01".to_owned()),
@@ -414,10 +342,10 @@ mod tests {
             memory_mib: None,
             exclude: vec!["n4".to_owned(), "n[7-8]".to_owned()],
             array: None,
-            work: Work::Bundle {
-                steps: (0..n_steps).map(step).collect(),
-                nodes_per_step: 1,
-                ranks_per_node: 128,
+            work: Work::PerJob {
+                command: ["cardiotwin", "drive", "/data/my run/slurm/it's"]
+                    .map(str::to_owned)
+                    .to_vec(),
             },
         }
     }
@@ -439,7 +367,7 @@ mod tests {
                     "chunk".to_owned(),
                 ],
             },
-            ..bundle(1, 0)
+            ..simulations(1)
         }
     }
 
@@ -448,8 +376,8 @@ mod tests {
         let archer2 = site("archer2");
         let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue");
         insta::assert_snapshot!(
-            "bundle_archer2",
-            write(&bundle(8, 3), taskfarm, &archer2).expect("a script")
+            "simulations_archer2",
+            write(&simulations(8), taskfarm, &archer2).expect("a script")
         );
         insta::assert_snapshot!(
             "chunks_archer2",
@@ -467,7 +395,7 @@ mod tests {
     fn bash_understands_them() {
         let archer2 = site("archer2");
         let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue");
-        for job in [bundle(8, 3), chunks()] {
+        for job in [simulations(8), chunks()] {
             let script = write(&job, taskfarm, &archer2).expect("a script");
             let output = Command::new("bash")
                 .args(["-n", "-c", &script])
@@ -481,67 +409,7 @@ mod tests {
         }
     }
 
-    /// The script is run by bash with a launcher that only runs its command. Checks places, order,
-    /// remaining time and the worst exit code.
-    #[test]
-    fn a_bundle_pulls_while_the_time_holds() {
-        let mut archer2 = site("archer2");
-        let taskfarm = archer2
-            .queue(None, Use::Simulations)
-            .expect("a queue")
-            .clone();
-        let folder = tempfile::tempdir().expect("a folder");
-        let srun = folder.path().join("srun");
-        std::fs::write(
-            &srun,
-            "#!/bin/bash\nwhile [[ $1 == --* ]]; do shift; done\nexec \"$@\"\n",
-        )
-        .expect("a launcher");
-        std::fs::set_permissions(&srun, std::fs::Permissions::from_mode(0o755))
-            .expect("it can be run");
-        archer2.setup = Vec::new();
-        archer2.launcher.command[0] = srun.to_string_lossy().into_owned();
-        let log = folder
-            .path()
-            .join("log of all")
-            .to_string_lossy()
-            .into_owned();
-        let mut job = bundle(2, 0);
-        let step = |text: &str, predicted_s: u64| Step {
-            command: ["bash", "-c", text].map(str::to_owned).to_vec(),
-            predicted_s,
-            log: log.clone(),
-        };
-        let too_long = job.walltime_s;
-        job.work = Work::Bundle {
-            steps: vec![
-                step("echo 'one'; exit 3", 10),
-                step("echo two", 10),
-                step("echo 'never: too long'", too_long),
-                step("echo three", 10),
-            ],
-            nodes_per_step: 1,
-            ranks_per_node: 1,
-        };
-        let script = write(&job, &taskfarm, &archer2).expect("a script");
-        let output = Command::new("bash")
-            .args(["-c", &script])
-            .env("SLURM_NNODES", "2")
-            .output()
-            .expect("bash is there");
-        assert_eq!(String::from_utf8_lossy(&output.stderr), "");
-        assert_eq!(
-            String::from_utf8_lossy(&output.stdout),
-            "bundle: 3 started, 1 left for another job\n"
-        );
-        assert_eq!(output.status.code(), Some(3), "the worst of its steps");
-        let text = std::fs::read_to_string(&log).expect("the log");
-        let mut lines = text.lines().collect::<Vec<_>>();
-        lines.sort_unstable();
-        assert_eq!(lines, ["one", "three", "two"]);
-    }
-
-    /// The warning reaches the running steps, and no further one is taken. The first step sends it
+    /// The warning reaches the driver, whose exit code is the job's. The driver sends the warning
     /// once everything is set up.
     #[test]
     fn a_warning_is_handed_on() {
@@ -554,27 +422,31 @@ mod tests {
             .clone();
         let command =
             "sleep 600 & nap=$!; trap 'kill $nap; exit 7' USR1; kill -USR1 $PPID; wait; exit 8";
-        let mut job = chunks();
-        (job.array, job.n_nodes) = (None, 1);
-        job.work = Work::PerNode {
-            command: ["bash", "-c", command].map(str::to_owned).to_vec(),
+        let command = ["bash", "-c", command].map(str::to_owned).to_vec();
+        let per_node = Work::PerNode {
+            command: command.clone(),
         };
-        let script = write(&job, &taskfarm, &archer2).expect("a script");
-        // `env` does not accept srun's options.
-        let script = script.replace(
-            "env --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 bash",
-            "env bash",
-        );
-        let output = Command::new("bash")
-            .args(["-c", &script])
-            .output()
-            .expect("bash is there");
-        assert_eq!(String::from_utf8_lossy(&output.stderr), "");
-        assert_eq!(
-            output.status.code(),
-            Some(7),
-            "the step ended in order, and its code is the job's"
-        );
+        for work in [per_node, Work::PerJob { command }] {
+            let job = Job {
+                work,
+                ..simulations(1)
+            };
+            let script = write(&job, &taskfarm, &archer2).expect("a script");
+            // `env` does not accept srun's options, and there is no scontrol here.
+            let script = script
+                .replace(
+                    "env --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 bash",
+                    "env bash",
+                )
+                .replace("scontrol show hostnames", "echo");
+            let output = Command::new("bash")
+                .args(["-c", &script])
+                .env("SLURM_JOB_NODELIST", "n1")
+                .output()
+                .expect("bash is there");
+            assert_eq!(String::from_utf8_lossy(&output.stderr), "");
+            assert_eq!(output.status.code(), Some(7), "{script}");
+        }
     }
 
     #[test]
@@ -582,7 +454,7 @@ mod tests {
         let archer2 = site("archer2");
         let taskfarm = archer2.queue(None, Use::Simulations).expect("a queue");
         let refused = |change: fn(&mut Job)| {
-            let mut job = bundle(8, 1);
+            let mut job = simulations(8);
             change(&mut job);
             write(&job, taskfarm, &archer2).expect_err("it cannot be")
         };

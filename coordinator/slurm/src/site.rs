@@ -186,9 +186,32 @@ pub struct Launcher {
     /// Further options of an MPI step.
     #[serde(default)]
     pub mpi: Vec<String>,
-    /// Memory per core that a step of a bundle requests, MiB. Without it the first step takes the
-    /// whole node's memory.
+    /// Memory per core of a step that shares its node with others, MiB; `None` means an equal share
+    /// of the node's memory.
     pub memory_per_core_mib: Option<u64>,
+}
+
+impl Launcher {
+    /// Launcher of a simulation's step, from the one that the settings name: where both are the
+    /// same program, the site's options come before those of the settings.
+    #[must_use]
+    pub fn of_steps(&self, named: &[String]) -> Vec<String> {
+        match (named, &self.command[..]) {
+            ([program, rest @ ..], [of_site, ..]) if program == of_site => {
+                [&self.command[..], &self.mpi, rest].concat()
+            }
+            _ => named.to_vec(),
+        }
+    }
+
+    /// Memory of a simulation on a node that `lanes` of them share, MiB.
+    #[must_use]
+    pub fn memory_of_share_mib(&self, node: Node, lanes: u32) -> u64 {
+        let share = node.memory_mib / u64::from(lanes.max(1));
+        let cores = u64::from(node.cores / lanes.max(1));
+        self.memory_per_core_mib
+            .map_or(share, |per_core| share.min(per_core * cores))
+    }
 }
 
 fn srun() -> Vec<String> {

@@ -6,7 +6,9 @@
 //! the second worker ends with exit code 3.
 //!
 //! A 3D simulation may run on MPI ranks under a launcher. Rank 0 then holds the claim, and a
-//! request to stop goes to rank 0 instead of the launcher. Rank 0 ends the other ranks.
+//! request to stop goes to rank 0 instead of the launcher. Rank 0 ends the other ranks. In a job
+//! with several nodes, each attempt runs in a place of its own, and rank 0 may be on another node:
+//! the launcher then passes the request on, and its end is the end of all ranks.
 
 use std::collections::HashMap;
 use std::fs::{self, File};
@@ -20,11 +22,13 @@ use cardiotwin_protocol::{exit_code, files, names, process};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::progress::Claim;
+use rustix::process::Signal;
 use tokio::process::Command;
 use tokio::sync::mpsc;
 
 use super::evidence;
-use super::process::signal_group;
+use super::launcher::{Launcher, Place, Places};
+use super::process::{signal_group, signal_process};
 use super::{DispatchError, Evidence, Executor, Found, News, Order};
 
 /// Interval at which orphans and stopped workers are checked.
@@ -40,6 +44,8 @@ const CLAIM_GRACE: Duration = Duration::from_secs(5);
 pub struct Local {
     worker: PathBuf,
     launcher: Option<Launcher>,
+    /// Places of a job in which the launcher starts every attempt; `None` outside of a job.
+    places: Option<Places>,
     at_once: usize,
     grace: Duration,
     running: HashMap<AttemptId, Running>,
@@ -47,30 +53,11 @@ pub struct Local {
     tell: mpsc::UnboundedSender<Exit>,
 }
 
-/// Launcher that runs 3D simulations on MPI ranks.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Launcher {
-    /// The launcher's program and arguments; `-n RANKS` is appended.
-    pub command: Vec<String>,
-    /// Executable of each rank.
-    pub worker: PathBuf,
-}
-
-impl Launcher {
-    /// A launcher of the MPI executable beside `worker`; `None` for an empty command.
-    #[must_use]
-    pub fn beside(command: &[String], worker: &Path) -> Option<Self> {
-        let worker = worker.with_file_name("cardiotwin-worker-mpi");
-        (!command.is_empty()).then(|| Self {
-            command: command.to_vec(),
-            worker,
-        })
-    }
-}
-
 #[derive(Debug)]
 struct Running {
     directory: PathBuf,
+    /// Place that is given back at the end.
+    place: Option<Place>,
     pid: u32,
     start: u64,
     /// Claim of a worker that is not a child process and is therefore polled.
@@ -92,6 +79,7 @@ impl Local {
         Self {
             worker,
             launcher: None,
+            places: None,
             at_once,
             grace: GRACE,
             running: HashMap::new(),
@@ -106,24 +94,25 @@ impl Local {
         Self { launcher, ..self }
     }
 
+    /// Starts every attempt with the launcher, in one of these places of a job.
+    #[must_use]
+    pub fn with_places(self, places: Option<Places>) -> Self {
+        Self { places, ..self }
+    }
+
     /// Command that runs an attempt, on ranks if it has several and there is a launcher, and the
     /// program's name for error messages.
-    fn program(&self, n_ranks: u32) -> (Command, PathBuf) {
-        let launcher = self.launcher.as_ref().filter(|_| n_ranks > 1);
-        let Some((Launcher { worker, .. }, [program, arguments @ ..])) =
-            launcher.map(|l| (l, &l.command[..]))
-        else {
+    fn program(&self, n_ranks: u32, threads: u32, place: Option<&Place>) -> (Command, PathBuf) {
+        let Some(launcher) = &self.launcher else {
             return (Command::new(&self.worker), self.worker.clone());
         };
-        let mut command = Command::new(program);
-        // Inside a Slurm job, the driver's own step holds the resources. Without overlap, the
-        // launcher's step would wait for them for ever.
-        command.env("SLURM_OVERLAP", "1");
-        command
-            .args(arguments)
-            .args(["-n", &n_ranks.to_string()])
-            .arg(worker);
-        (command, program.into())
+        let command = match (place, n_ranks) {
+            (Some(place), 1) => launcher.at(place, &self.worker, 1, threads),
+            (Some(place), n) => launcher.at(place, &launcher.worker, n, 1),
+            (None, 1) => return (Command::new(&self.worker), self.worker.clone()),
+            (None, n) => launcher.anywhere(n),
+        };
+        (command, launcher.program().into())
     }
 
     /// Sets the time that workers have to leave before they are killed.
@@ -132,7 +121,7 @@ impl Local {
         Self { grace, ..self }
     }
 
-    fn spawn(&mut self, order: &Order) -> Result<u32, DispatchError> {
+    fn spawn(&mut self, order: &Order, place: Option<&Place>) -> Result<u32, DispatchError> {
         let directory = &order.directory;
         let file = |what, path: PathBuf| move |source| DispatchError::File { what, path, source };
         fs::create_dir_all(directory).map_err(file("create", directory.clone()))?;
@@ -152,7 +141,7 @@ impl Local {
         } else {
             1
         };
-        let (mut command, worker) = self.program(n_ranks);
+        let (mut command, worker) = self.program(n_ranks, order.spec.threads, place);
         let mut child = command
             .arg("run")
             .arg(directory)
@@ -180,6 +169,7 @@ impl Local {
             return Ok(None);
         };
         let directory = running.directory.clone();
+        let was_placed = running.place.is_some();
         let claimed_before = status
             .as_ref()
             .is_ok_and(|s| s.code() == Some(i32::from(exit_code::CLAIMED)));
@@ -206,6 +196,12 @@ impl Local {
                 evidence: found,
                 claim,
             },
+            // A launcher ends after its ranks, wherever they ran.
+            Found::Elsewhere(claim) if was_placed && !claimed_before => News::Ended {
+                attempt: attempt.clone(),
+                evidence: verdict(&directory, &status),
+                claim: Some(claim),
+            },
             Found::Elsewhere(_) => News::Vanished {
                 attempt: attempt.clone(),
             },
@@ -225,8 +221,16 @@ impl Local {
                 }
             }
         };
-        self.running.remove(&attempt);
+        self.forget(&attempt);
         Ok(Some(news))
+    }
+
+    /// Stops watching an attempt, and gives its place back.
+    fn forget(&mut self, attempt: &AttemptId) {
+        let place = self.running.remove(attempt).and_then(|ended| ended.place);
+        if let (Some(places), Some(place)) = (&mut self.places, place) {
+            places.give_back(place);
+        }
     }
 
     fn look(&self, directory: &Path) -> Result<Found, DispatchError> {
@@ -262,8 +266,13 @@ impl Local {
     }
 
     fn watch(&mut self, attempt: &AttemptId, directory: &Path, claim: &Claim) {
+        let place = self
+            .running
+            .remove(attempt)
+            .and_then(|earlier| earlier.place);
         let running = Running {
             directory: directory.to_owned(),
+            place,
             pid: claim.pid,
             start: claim.pid_start_ticks,
             orphan: Some(claim.clone()),
@@ -288,7 +297,7 @@ impl Local {
         }
         let mut news = Vec::new();
         for (attempt, directory) in over {
-            self.running.remove(&attempt);
+            self.forget(&attempt);
             if let Found::Over { evidence, claim } = self.look(&directory)? {
                 news.push(News::Ended {
                     attempt,
@@ -311,16 +320,22 @@ impl Running {
     /// Asks the worker to leave, or kills it `by_force`.
     fn press(&self, by_force: bool) {
         let rank_0 = match evidence::claim_on(&self.directory) {
-            Ok(ClaimFile::By(claim)) if claim.pid != self.pid && claim.host == process::host() => {
-                Some(claim)
-            }
+            Ok(ClaimFile::By(claim)) if claim.pid != self.pid => Some(claim),
             _ => None,
         };
-        match rank_0.filter(process::lives) {
+        let signal = if by_force { Signal::KILL } else { Signal::TERM };
+        match rank_0 {
             // A launcher that gets the signal ends its ranks after a moment, before there is a
             // checkpoint. A launcher that loses a rank ends the other ones.
-            Some(claim) => signal_group(claim.pid, claim.pid_start_ticks, by_force),
-            None => signal_group(self.pid, self.start, by_force),
+            Some(claim) if claim.host == process::host() && process::lives(&claim) => {
+                signal_group(claim.pid, claim.pid_start_ticks, signal);
+            }
+            // Launchers end their ranks at SIGTERM, and pass SIGUSR2 on to them, at which a worker
+            // leaves as at SIGTERM.
+            Some(claim) if claim.host != process::host() && !by_force => {
+                signal_process(self.pid, self.start, Signal::USR2);
+            }
+            _ => signal_group(self.pid, self.start, signal),
         }
     }
 }
@@ -394,14 +409,27 @@ impl Executor for Local {
     }
 
     fn free(&self) -> usize {
-        self.at_once.saturating_sub(self.running.len())
+        let room = self.at_once.saturating_sub(self.running.len());
+        self.places
+            .as_ref()
+            .map_or(room, |places| room.min(places.n_free()))
     }
 
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
-        let pid = self.spawn(&order)?;
+        let place = self.places.as_mut().and_then(Places::take);
+        let pid = match self.spawn(&order, place.as_ref()) {
+            Ok(pid) => pid,
+            Err(error) => {
+                if let (Some(places), Some(place)) = (&mut self.places, place) {
+                    places.give_back(place);
+                }
+                return Err(error);
+            }
+        };
         let start = process::start_ticks(pid).unwrap_or_default();
         let running = Running {
             directory: order.directory,
+            place,
             pid,
             start,
             orphan: None,
@@ -456,7 +484,7 @@ impl Executor for Local {
                 let attempt = exit.attempt.clone();
                 let result = self.ended(exit).map(|news| news.into_iter().collect());
                 if result.is_err() {
-                    self.running.remove(&attempt);
+                    self.forget(&attempt);
                 }
                 news.extend(told(result, Some(attempt)));
                 next = self.exits.try_recv().ok();
@@ -533,14 +561,17 @@ mod tests {
 
     #[test]
     fn several_ranks_go_to_the_launcher_where_there_is_one() {
-        let command = ["mpirun", "--bind-to", "none"].map(str::to_owned).to_vec();
         let launcher = Launcher {
-            command,
+            command: vec!["mpirun".to_owned()],
             worker: "/bin/ranks".into(),
         };
-        let called = |launcher: Option<&Launcher>, n_ranks| {
+        let place = Place {
+            hosts: vec!["n1".to_owned()],
+            memory_mib: None,
+        };
+        let called = |launcher: Option<&Launcher>, n_ranks, place: Option<&Place>| {
             let local = Local::new("/bin/worker".into(), 1).with_launcher(launcher.cloned());
-            let (command, named) = local.program(n_ranks);
+            let (command, named) = local.program(n_ranks, 4, place);
             let command = command.as_std();
             let words = std::iter::once(command.get_program()).chain(command.get_args());
             let line: Vec<String> = words
@@ -548,12 +579,22 @@ mod tests {
                 .collect();
             (line.join(" "), named.display().to_string())
         };
-        let worker = ("/bin/worker".to_owned(), "/bin/worker".to_owned());
+        let of = |line: &str, program: &str| (line.to_owned(), program.to_owned());
+        let worker = of("/bin/worker", "/bin/worker");
+        assert_eq!(called(None, 4, None), worker);
+        assert_eq!(called(Some(&launcher), 1, None), worker);
         assert_eq!(
-            (called(None, 4), called(Some(&launcher), 1)),
-            (worker.clone(), worker)
+            called(Some(&launcher), 4, None),
+            of("mpirun -n 4 /bin/ranks", "mpirun")
         );
-        let ranks = "mpirun --bind-to none -n 4 /bin/ranks".to_owned();
-        assert_eq!(called(Some(&launcher), 4), (ranks, "mpirun".to_owned()));
+        // In a place even one process is started by the launcher: the place may be on another node.
+        assert_eq!(
+            called(Some(&launcher), 1, Some(&place)),
+            of("mpirun -n 1 --host n1:1 /bin/worker", "mpirun")
+        );
+        assert_eq!(
+            called(Some(&launcher), 4, Some(&place)),
+            of("mpirun -n 4 --host n1:4 /bin/ranks", "mpirun")
+        );
     }
 }

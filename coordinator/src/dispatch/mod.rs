@@ -7,6 +7,7 @@
 
 mod evidence;
 mod in_process;
+mod launcher;
 mod limited;
 mod local;
 mod process;
@@ -24,8 +25,9 @@ use cardiotwin_schemas::task::AttemptSpec;
 
 pub use evidence::{outcome, revoke};
 pub use in_process::InProcess;
+pub use launcher::{Launcher, Places};
 pub use limited::{CommandEnd, run_limited};
-pub use local::{Launcher, Local};
+pub use local::Local;
 pub use process::{claim_of_this_process, lives_here, own_uid};
 
 /// Data that an executor needs to start an attempt.

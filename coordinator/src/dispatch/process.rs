@@ -17,12 +17,9 @@ pub fn claim_of_this_process() -> Claim {
 
 /// Signals a worker and its process group. A worker leads a group of its own, or, as an MPI rank,
 /// may be in its launcher's group.
-pub fn signal_group(pid: u32, start: u64, by_force: bool) {
-    if start_ticks(pid) != Some(start) {
-        return; // the process is gone, or its id was given to another one
-    }
-    let signal = if by_force { Signal::KILL } else { Signal::TERM };
-    let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) else {
+pub fn signal_group(pid: u32, start: u64, signal: Signal) {
+    let by_force = signal == Signal::KILL;
+    let Some(pid) = living(pid, start) else {
         return;
     };
     // A process that ends in between has done what the signal asks for.
@@ -35,4 +32,18 @@ pub fn signal_group(pid: u32, start: u64, by_force: bool) {
         }
         _ => rustix::process::kill_process(pid, signal),
     };
+}
+
+/// Signals one process, such as a launcher.
+pub fn signal_process(pid: u32, start: u64, signal: Signal) {
+    if let Some(pid) = living(pid, start) {
+        let _ = rustix::process::kill_process(pid, signal);
+    }
+}
+
+/// Id of a process; `None` if it is gone or its id was given to another one.
+fn living(pid: u32, start: u64) -> Option<Pid> {
+    (start_ticks(pid) == Some(start))
+        .then(|| i32::try_from(pid).ok().and_then(Pid::from_raw))
+        .flatten()
 }

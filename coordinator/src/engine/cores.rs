@@ -4,6 +4,7 @@ use cardiotwin_schemas::finite_element::{ElementKind, FiniteElementSettings, Lin
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, Fidelity, SolverSettings};
 use cardiotwin_schemas::task::TaskSpec;
+use cardiotwin_slurm::plan::ranks_for;
 
 use super::books::TaskEntry;
 
@@ -29,21 +30,32 @@ pub fn workers(settings: &ExecutorSettings) -> usize {
 /// Nodes of a mesh per thread of a beat in a job. With fewer, threads wait for each other.
 const NODES_PER_THREAD: u32 = 4000;
 
-/// Number of threads of a patient's workers in a job on a node with `cores`: as set, or as many as
-/// a beat on a mesh of `mesh_nodes` nodes can use.
+/// Nodes of a cluster on which a simulation may run.
+#[derive(Debug, Clone, Copy)]
+pub struct ClusterNodes {
+    /// Threads or MPI ranks that a node takes.
+    pub cores: u32,
+    /// Largest number of nodes of a simulation on MPI ranks.
+    pub most: u32,
+}
+
+/// Number of threads or MPI ranks of a patient's workers in a job: as set, or as many as a beat on
+/// a mesh of `mesh_nodes` nodes can use.
 #[must_use]
 pub fn threads_in_job(
     settings: &ExecutorSettings,
     solver: &SolverSettings,
     mesh_nodes: u32,
-    cores: u32,
+    nodes: ClusterNodes,
 ) -> u32 {
     let is_large =
         solver.fidelity == Fidelity::FiniteElement && u64::from(mesh_nodes) >= LARGE_MESH_NODES;
+    let is_shared = is_large && solver.finite_element.linear_solver == LinearSolver::BlockJacobi;
     match settings.threads {
-        0 if is_large && solver.finite_element.linear_solver == LinearSolver::BlockJacobi => {
-            (mesh_nodes / NODES_PER_THREAD).clamp(1, cores.max(1))
+        0 if is_shared && settings.launcher.is_empty() => {
+            (mesh_nodes / NODES_PER_THREAD).clamp(1, nodes.cores.max(1))
         }
+        0 if is_shared => ranks_for(mesh_nodes, nodes.cores, nodes.most),
         0 => 1,
         n => n,
     }

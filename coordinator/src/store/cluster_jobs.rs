@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use cardiotwin_schemas::allocation::Steps;
 use cardiotwin_schemas::status::{ClusterStatus, JobStatus};
 use cardiotwin_workflow::cluster_job::{ClusterJob, Element, Submission};
 use serde::{Deserialize, Serialize};
@@ -48,6 +49,9 @@ pub struct JobSpec {
     pub lanes: u32,
     /// Threads of each simulation.
     pub threads: u32,
+    /// Steps on MPI ranks; `None` if simulations run on threads, with a driver on each node.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps: Option<Steps>,
     /// Walltime that the job requests \[s\].
     pub walltime_s: u64,
     /// Expected node-hours of all elements.
@@ -58,6 +62,27 @@ pub struct JobSpec {
     pub exclude: Vec<String>,
     /// Patients of each element.
     pub elements: Vec<Vec<Placed>>,
+}
+
+impl JobSpec {
+    /// Number of drivers of each element.
+    #[must_use]
+    pub fn n_drivers(&self) -> u32 {
+        if self.steps.is_some() {
+            1
+        } else {
+            self.n_nodes
+        }
+    }
+
+    /// Number of processes that simulate on each node: MPI ranks, or one for each simulation.
+    #[must_use]
+    pub fn processes_per_node(&self) -> u32 {
+        let of_each = self
+            .steps
+            .map_or(1, |steps| self.threads.div_ceil(steps.nodes.max(1)));
+        (self.lanes * of_each).max(1)
+    }
 }
 
 /// A patient in a job.
@@ -109,6 +134,9 @@ pub struct Allotment {
     /// Number of simulations side by side on its node; `None` means as many as its cores allow.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lanes: Option<u32>,
+    /// Largest number of its MPI ranks on a node; `None` means the settings apply.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ranks_per_node: Option<u32>,
     /// Names of nodes that failed earlier jobs of the patient, which the next job avoids.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub exclude: Vec<String>,

@@ -227,6 +227,7 @@ pub(super) mod tests {
             pid,
             pid_start_ticks: 1,
             at: "T".into(),
+            nodes: Vec::new(),
         }
     }
 

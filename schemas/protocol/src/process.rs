@@ -18,6 +18,12 @@ pub fn host() -> &'static str {
     })
 }
 
+/// Name of this node of a cluster; outside of a cluster the name of the host.
+#[must_use]
+pub fn node() -> String {
+    std::env::var("SLURMD_NODENAME").unwrap_or_else(|_| host().to_owned())
+}
+
 /// Identity of this host's present boot; empty if the system does not provide one.
 #[must_use]
 pub fn boot_id() -> &'static str {
@@ -63,6 +69,7 @@ pub fn claim_of_this_process(at: String) -> Claim {
         pid,
         pid_start_ticks: start_ticks(pid).unwrap_or_default(),
         at,
+        nodes: Vec::new(),
     }
 }
 

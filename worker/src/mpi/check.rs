@@ -8,6 +8,7 @@ use cardiotwin_protocol::process;
 use serde::Serialize;
 
 use super::failure::Failures;
+use crate::team::gather_texts;
 
 /// Number of nodes in each halo of the measurement.
 const HALO_NODES: u32 = 500;
@@ -115,18 +116,9 @@ pub fn check(comm: &dyn Communicator, fault: Option<Fault>, json: bool, failures
     }
     let reduction_us = us_each(|| comm.sum(&mut [1.0, 2.0]));
     let halo_us = us_each(|| comm.update_ghosts(&layout, 3, &mut values));
-    let host: Vec<f64> = process::host().bytes().map(f64::from).collect();
-    let Some(hosts) = comm.gather(&host) else {
+    let Some(hosts) = gather_texts(comm, process::host()) else {
         return;
     };
-    let hosts: Vec<String> = hosts
-        .into_iter()
-        .map(|host| {
-            host.into_iter()
-                .map(|byte| char::from(byte as u8))
-                .collect()
-        })
-        .collect();
     let halo_bytes = 24 * u64::from(HALO_NODES) * layout.neighbours.len() as u64;
     let found = Found {
         ranks: n,

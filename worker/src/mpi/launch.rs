@@ -78,7 +78,7 @@ pub trait RankProgram: Sync {
 pub fn run_on_ranks(ranks: &Ranks, program: &impl RankProgram) -> ExitCode {
     let said_by_work = || program.n_ranks();
     on_ranks(ranks, program.directory(), said_by_work, |k, launched| {
-        let team = launched.team(k);
+        let team = launched.team(k).that_knows_its_nodes();
         let help = |team: &Team| {
             if let Err(error) = program.follow(team) {
                 launched.failures.end_after_rank_0(&format!("{error:#}"));

@@ -6,10 +6,12 @@
 
 mod bundles;
 mod chunks;
+mod ranks;
 mod schedule;
 
 pub use bundles::{Bundle, Lane, Simulation, bundles};
 pub use chunks::{ChunkArray, Chunks, Sweep, chunks};
+pub use ranks::ranks_for;
 pub use schedule::{Finish, finish};
 
 use crate::site::{Node, Queue, Site, Unit};

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_slurm::script;
 use clap::Args;
 
 use crate::cli::error::CliError;
@@ -9,7 +10,7 @@ use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 use crate::engine::{self, DriverPlace};
 
-/// Run the tasks of a job's patients on one of its nodes
+/// Run the tasks of a job's patients on its nodes
 #[derive(Debug, Args)]
 pub struct DriveArgs {
     /// Folder of the job
@@ -34,6 +35,11 @@ pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
         element: element.unwrap_or(0),
         node: number("SLURM_NODEID").unwrap_or(0),
         id,
+        hosts: told(script::HOSTS)
+            .unwrap_or_default()
+            .split_ascii_whitespace()
+            .map(str::to_owned)
+            .collect(),
         leave_at_ms: leave_at_s.map(|s| s * 1000),
     };
     match engine::drive_here(&place).await? {

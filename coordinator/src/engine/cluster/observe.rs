@@ -132,8 +132,8 @@ impl<S: Scheduler> Cluster<S> {
         let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(());
         };
-        let (n_nodes, accepted) = (
-            row.spec.n_nodes,
+        let (n_drivers, accepted) = (
+            row.spec.n_drivers(),
             matches!(row.state.submission, Submission::Accepted { .. }),
         );
         let folder = JobFolder::of(self.books.run_dir(), name);
@@ -146,7 +146,7 @@ impl<S: Scheduler> Cluster<S> {
                 .and_then(|id| id.split('_').next()?.parse().ok());
             self.books.job_event(name, JobEvent::Accepted { job })?;
         }
-        let Some(ends) = (0..n_nodes)
+        let Some(ends) = (0..n_drivers)
             .map(|node| folder.ended(element, node))
             .collect::<Option<Vec<_>>>()
         else {
@@ -305,7 +305,7 @@ impl<S: Scheduler> Cluster<S> {
         let folder = JobFolder::of(self.books.run_dir(), name);
         let stopping = row.state.elements.get(element) == Some(&Element::Stopping);
         let array_element = row.spec.is_array.then_some(element);
-        let warned = (0..row.spec.n_nodes).any(|node| {
+        let warned = (0..row.spec.n_drivers()).any(|node| {
             folder
                 .ended(element, node)
                 .is_some_and(|end| end.because == DriverEnding::OutOfTime)
@@ -319,8 +319,9 @@ impl<S: Scheduler> Cluster<S> {
             _ => 1,
         };
         let traces = OwnTraces {
-            began: (0..row.spec.n_nodes).any(|node| folder.started(element, node).is_some()),
-            asked_to_end: (0..row.spec.n_nodes).any(|node| folder.was_asked_to_end(element, node)),
+            began: (0..row.spec.n_drivers()).any(|node| folder.started(element, node).is_some()),
+            asked_to_end: (0..row.spec.n_drivers())
+                .any(|node| folder.was_asked_to_end(element, node)),
             uid: dispatch::own_uid(),
             no_accounting: self.no_accounting,
             waited: match row.state.elements.get(element) {

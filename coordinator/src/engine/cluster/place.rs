@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, HashSet};
 
+use cardiotwin_schemas::allocation::Steps;
 use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::plan::Workflow;
 use cardiotwin_schemas::settings::Fidelity;
@@ -12,8 +13,9 @@ use cardiotwin_slurm::state::Bearing;
 
 use super::{Cluster, Expectations};
 use crate::dispatch::slurm::Scheduler;
+use crate::engine::EngineError;
 use crate::engine::books::Books;
-use crate::engine::{EngineError, cores};
+use crate::engine::cores::{self, ClusterNodes};
 use crate::store::cluster_jobs::{Allotment, JobSpec, Placed};
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_workflow::patient::Patient;
@@ -36,7 +38,10 @@ pub struct PlannedJob {
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Like {
     in_3d: bool,
+    /// Threads or MPI ranks of each simulation.
     threads: u32,
+    /// Largest number of MPI ranks on a node, if simulations run on ranks.
+    ranks_per_node: Option<u32>,
     memory_mib: Option<u64>,
     lanes: Option<u32>,
     exclude: Vec<String>,
@@ -210,18 +215,36 @@ pub fn plan_jobs(
         let Allotment {
             memory_mib,
             lanes,
+            ranks_per_node,
             exclude,
             ..
         } = books.jobs().allotment(books.patient(i).row.id);
+        let set = Some(settings.ranks_per_node).filter(|n| *n > 0);
+        let ranks_per_node = ranks_per_node
+            .or(set)
+            .unwrap_or(u32::MAX)
+            .min(site.node.cores);
+        let of_ranks = site.queue(settings.slurm.queue.as_deref(), Use::Simulations);
+        let nodes = ClusterNodes {
+            cores: match settings.launcher[..] {
+                [] => site.node.cores,
+                _ => ranks_per_node,
+            },
+            most: of_ranks
+                .and_then(|queue| queue.max_nodes_per_job.or(queue.nodes))
+                .unwrap_or(1),
+        };
         let threads = cores::threads_in_job(
             settings,
             &plan.settings.solver,
             expected.mesh_nodes(plan),
-            site.node.cores,
+            nodes,
         );
+        let has_ranks = in_3d && threads > 1 && !settings.launcher.is_empty();
         let like = Like {
             in_3d,
             threads,
+            ranks_per_node: has_ranks.then_some(ranks_per_node),
             memory_mib,
             lanes,
             exclude,
@@ -305,8 +328,20 @@ impl Group<'_> {
 
     /// Number of patients side by side on a whole node.
     fn lanes(&self) -> u32 {
-        let fit = (self.site.node.cores / self.like.threads.max(1)).max(1);
+        let processes = self.like.ranks_per_node.unwrap_or(self.site.node.cores);
+        let fit = (processes / self.like.threads.max(1)).max(1);
         self.like.lanes.unwrap_or(fit).clamp(1, fit)
+    }
+
+    /// Steps of MPI ranks, if simulations run on ranks.
+    fn steps(&self) -> Option<Steps> {
+        self.like.ranks_per_node.map(|ranks_per_node| Steps {
+            nodes: self.like.threads.div_ceil(ranks_per_node.max(1)),
+            memory_mib: self
+                .site
+                .launcher
+                .memory_of_share_mib(self.site.node, self.lanes()),
+        })
     }
 
     fn refused(&self, error: &plan::PlanError) -> EngineError {
@@ -337,7 +372,7 @@ impl Group<'_> {
         let n_cores = if whole_nodes {
             self.site.node.cores
         } else {
-            self.like.threads
+            self.like.threads.div_ceil(n_nodes.max(1))
         };
         let memory_mib = self
             .like
@@ -354,12 +389,13 @@ impl Group<'_> {
             memory_mib: (!whole_nodes).then_some(memory_mib.min(self.site.node.memory_mib)),
             lanes,
             threads: self.like.threads,
+            steps: self.steps(),
             walltime_s,
             expected_node_hours: 0.0,
             nodes_charged: if whole_nodes {
                 f64::from(n_nodes)
             } else {
-                f64::from(n_cores) / f64::from(self.site.node.cores)
+                f64::from(n_cores * n_nodes) / f64::from(self.site.node.cores)
             },
             exclude: self.like.exclude.clone(),
             elements: elements
@@ -379,7 +415,8 @@ impl Group<'_> {
         // Patients of similar length share a node, so that none waits long for the last of them.
         rests.sort_by(|a, b| b.0.total_cmp(&a.0));
         let loads: Vec<&[(f64, usize)]> = rests.chunks(self.lanes() as usize).collect();
-        let ranks = self.site.node.cores;
+        // A load takes whole nodes, whatever the number of its ranks.
+        let ranks = self.site.node.cores * self.steps().map_or(1, |steps| steps.nodes);
         let simulations: Vec<Simulation> = (loads.iter().enumerate())
             .map(|(n, load)| Simulation {
                 task: n.to_string(),
@@ -466,7 +503,8 @@ impl Group<'_> {
                             .collect()
                     })
                     .collect();
-                let mut spec = self.spec(&lists, array.n > 1, 1, chunks.walltime_s);
+                let n_nodes = self.steps().map_or(1, |steps| steps.nodes);
+                let mut spec = self.spec(&lists, array.n > 1, n_nodes, chunks.walltime_s);
                 spec.at_once = array.at_once;
                 spec.expected_node_hours =
                     chunks.node_hours * f64::from(array.n) / chunks.n_chunks.max(1) as f64;

@@ -75,7 +75,7 @@ impl<S: Scheduler> Cluster<S> {
         };
         let patients = row.spec.elements[element].clone();
         let folder = JobFolder::of(self.books.run_dir(), name);
-        let ends: Vec<DriverEnd> = (0..row.spec.n_nodes)
+        let ends: Vec<DriverEnd> = (0..row.spec.n_drivers())
             .filter_map(|node| folder.ended(element, node))
             .collect();
         let mut standings = Vec::new();
@@ -202,12 +202,11 @@ impl<S: Scheduler> Cluster<S> {
             None => FailureCause::Unexplained,
         };
         let mut allotment = self.books.jobs().allotment(patient_id);
+        let n_per_node = row.spec.processes_per_node();
+        let memory_mib = row.spec.memory_mib.unwrap_or(self.site.node.memory_mib);
         let given = Given {
-            ranks_per_node: row.spec.lanes.max(1),
-            memory_per_rank_mib: row.spec.memory_mib.map_or_else(
-                || self.site.node.memory_mib / u64::from(row.spec.lanes.max(1)),
-                |memory| memory / u64::from(row.spec.lanes.max(1)),
-            ),
+            ranks_per_node: n_per_node,
+            memory_per_rank_mib: memory_mib / u64::from(n_per_node),
             memory_per_node_mib: self.site.node.memory_mib,
             excluded: allotment.exclude.clone(),
         };
@@ -243,8 +242,12 @@ impl<S: Scheduler> Cluster<S> {
                 ..
             } => {
                 if more.memory_per_rank_mib != given.memory_per_rank_mib {
-                    allotment.memory_mib = Some(more.memory_per_rank_mib);
-                    allotment.lanes = Some(more.ranks_per_node);
+                    if row.spec.steps.is_some() {
+                        allotment.ranks_per_node = Some(more.ranks_per_node);
+                    } else {
+                        allotment.memory_mib = Some(more.memory_per_rank_mib);
+                        allotment.lanes = Some(more.ranks_per_node);
+                    }
                 }
                 allotment.exclude = more.excluded;
                 (allotment.infrastructure, allotment.free) = (spent.infrastructure, spent.free);

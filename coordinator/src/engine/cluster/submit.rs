@@ -264,7 +264,8 @@ impl<S: Scheduler> Cluster<S> {
                 worker: self.worker.clone(),
                 lanes: row.spec.lanes,
                 threads: row.spec.threads,
-                launcher: self.settings.launcher.clone(),
+                launcher: self.site.launcher.of_steps(&self.settings.launcher),
+                steps: row.spec.steps,
                 instruction_set: self.settings.instruction_set,
                 vtu_every_ms: self.settings.vtu_every_ms,
                 expected_s,
@@ -329,6 +330,7 @@ pub fn script_of(
             found: spec.queue.clone(),
             why: "the site's profile has no such queue",
         })?;
+    let command = vec![text(program), "drive".to_owned(), text(folder.path())];
     let job = Job {
         name: JobName::new(name).map_err(refused)?,
         account: settings.slurm.account.clone(),
@@ -343,8 +345,9 @@ pub fn script_of(
             n: u32::try_from(spec.elements.len()).unwrap_or(u32::MAX),
             at_once: spec.at_once,
         }),
-        work: Work::PerNode {
-            command: vec![text(program), "drive".to_owned(), text(folder.path())],
+        work: match spec.steps {
+            Some(_) => Work::PerJob { command },
+            None => Work::PerNode { command },
         },
     };
     script::write(&job, queue, site)

@@ -31,7 +31,7 @@ use super::turn::{self, Engine};
 use super::{EngineError, StopLevel, StopSignal};
 use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};
-use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order};
+use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order, Places};
 use ledger::Ledger;
 
 /// Interval at which fence and clock are checked.
@@ -50,6 +50,8 @@ pub struct DriverPlace {
     pub node: u32,
     /// The scheduler's number of the job; `None` if it is unknown.
     pub id: Option<String>,
+    /// Names of the element's nodes, for a driver that makes steps on them.
+    pub hosts: Vec<String>,
     /// Time at which the driver must have left, milliseconds since 1970; `None` if there is no
     /// limit.
     pub leave_at_ms: Option<i64>,
@@ -78,6 +80,20 @@ pub async fn drive_job<E: Executor>(
     };
     if !folder.claim(place.element, place.node, &claim)? {
         return Ok(None);
+    }
+    if let Some(steps) = order
+        .steps
+        .filter(|s| (s.nodes as usize) > place.hosts.len())
+    {
+        return Err(EngineError::Site {
+            message: format!(
+                "a simulation needs {} nodes, but the job has {}: {:?} (from {})",
+                steps.nodes,
+                place.hosts.len(),
+                place.hosts,
+                cardiotwin_slurm::script::HOSTS
+            ),
+        });
     }
     let executor = executor(&order);
     let mut driver = InJobLoop {
@@ -142,9 +158,16 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
     });
     let local = |order: &JobOrder| {
         let launcher = Launcher::beside(&order.launcher, &order.worker);
-        Local::new(order.worker.clone(), order.lanes.max(1) as usize)
+        let lanes = order.lanes.max(1) as usize;
+        let places = order.steps.map(|steps| {
+            let memory = Some(steps.memory_mib);
+            Places::on(&place.hosts, steps.nodes as usize, lanes, memory)
+        });
+        let at_once = places.as_ref().map_or(lanes, Places::n_free);
+        Local::new(order.worker.clone(), at_once)
             .with_grace(GRACE)
             .with_launcher(launcher)
+            .with_places(places)
     };
     let surroundings = Surroundings::of_this_process();
     let is_warned = || warned.load(Ordering::Relaxed);

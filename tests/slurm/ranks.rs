@@ -1,0 +1,207 @@
+//! Simulations in 3D on MPI ranks: steps of a job, each on the nodes of its place.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use crate::cluster::Cluster;
+use crate::cohort::{Cohort, QUICK};
+
+/// Lines that Open MPI needs in a job of root's.
+const OPEN_MPI_AS_ROOT: &str =
+    r#"setup = ["export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"]"#;
+
+/// Reason why no ranks can be started here; `None` if they can.
+fn hindrance(cluster: &Cluster) -> Option<String> {
+    let worker = crate::cohort::binary("cardiotwin-worker").with_file_name("cardiotwin-worker-mpi");
+    if !worker.is_file() {
+        return Some(format!("{} is not there", worker.display()));
+    }
+    let plugins = cluster.slurm("srun", &["--mpi=list"]);
+    (!plugins.contains("pmix")).then(|| format!("srun has no pmix: {plugins}"))
+}
+
+/// A quick cohort in 3D whose simulations have `threads` ranks, at most `ranks_per_node` on a node.
+fn in_3d<'a>(
+    cluster: &'a Cluster,
+    patients: &[&str],
+    launcher: &str,
+    threads: u32,
+    ranks_per_node: u32,
+) -> Cohort<'a> {
+    Cohort::of(cluster, patients, QUICK)
+        .set("solver.fidelity=finite-element")
+        .set("solver.finite_element.mesh_nodes=500")
+        .set("solver.time_step_ms=2")
+        .set("step1.max_iterations=1")
+        .set("verification.enabled=false")
+        .set(&format!("executor.launcher=[{launcher:?}]"))
+        .set(&format!("executor.threads={threads}"))
+        .set(&format!("executor.ranks_per_node={ranks_per_node}"))
+        // Chains this short share places. With an hour each, every patient would have a place of
+        // its own.
+        .set("executor.slurm.simulation_s=1")
+}
+
+/// The profile of ARCHER2 as it is shipped, with further lines before its first table.
+fn archer2(cohort: &Cohort, lines: &str) {
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy/sites/archer2.toml");
+    let text = fs::read_to_string(shipped).expect("the profile");
+    let text = match lines {
+        "" => text,
+        _ => {
+            let (begin, rest) = text.split_once("setup = [").expect("lines of set-up");
+            let (_, rest) = rest.split_once("]\n").expect("their end");
+            format!("{begin}{lines}\n{rest}")
+        }
+    };
+    fs::write(cohort.site(), text).expect("a profile");
+}
+
+/// A step of a job, as Slurm's accounting has it.
+#[derive(Debug)]
+struct Step {
+    nodes: String,
+    n_tasks: u32,
+}
+
+fn steps(cluster: &Cluster, job: &str) -> Vec<Step> {
+    let told = cluster.slurm(
+        "sacct",
+        &["-n", "-P", "-j", job, "--format=JobID,NodeList,NTasks"],
+    );
+    let step = |line: &str| {
+        let mut cells = line.split('|');
+        let (_, number) = cells.next()?.split_once('.')?;
+        number.parse::<u32>().ok()?;
+        Some(Step {
+            nodes: cells.next()?.to_owned(),
+            n_tasks: cells.next()?.parse().ok()?,
+        })
+    };
+    told.lines().filter_map(step).collect()
+}
+
+fn number_of(cohort: &Cohort, n: usize) -> String {
+    let claim = cohort.jobs()[n].join("started-0-0.json");
+    let claim: Value =
+        serde_json::from_str(&fs::read_to_string(claim).expect("a driver's claim")).expect("JSON");
+    claim["job"].as_str().expect("a number").to_owned()
+}
+
+/// Number of ranks of each outcome.
+fn ranks(cohort: &Cohort) -> Vec<Option<u64>> {
+    let of = |path: &PathBuf| {
+        let text = fs::read_to_string(path.join("outcome.json")).expect("an outcome");
+        let outcome: Value = serde_json::from_str(&text).expect("JSON");
+        outcome["provenance"]["ranks"].as_u64()
+    };
+    cohort
+        .attempts_with("outcome.json")
+        .iter()
+        .map(of)
+        .collect()
+}
+
+/// Four patients on two nodes of ARCHER2's, as its profile is shipped, with srun and with mpirun:
+/// two simulations side by side on each node, each a step on one node.
+pub fn four_patients_share_two_nodes_of_archer2(cluster: &Cluster) {
+    if let Some(why) = hindrance(cluster) {
+        eprintln!("not tested: {why}");
+        return;
+    }
+    for (launcher, lines) in [("srun", ""), ("mpirun", OPEN_MPI_AS_ROOT)] {
+        let patients = ["01-CoA", "02-CoA", "05-CoA", "06-CoA"];
+        let cohort = in_3d(cluster, &patients, launcher, 2, 4).set("executor.slurm.account=t01");
+        archer2(&cohort, lines);
+        assert_eq!(cohort.advance().code, 8);
+        let script = cohort.script(0);
+        assert!(
+            cohort.jobs().len() == 1
+                && script.contains("--nodes=2")
+                && script.contains("--exclusive"),
+            "{script}"
+        );
+        assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+        cohort.assert_done();
+        let tally = cohort.tally();
+        assert_eq!((tally.repeated, cohort.jobs().len()), (0, 1), "{tally:?}");
+        let on_two = ranks(&cohort).iter().filter(|n| **n == Some(2)).count();
+        assert!(on_two >= 8, "step 0 and a beat of each: {on_two}");
+        if launcher == "srun" {
+            let steps = steps(cluster, &number_of(&cohort, 0));
+            let pairs: Vec<&Step> = steps.iter().filter(|step| step.n_tasks == 2).collect();
+            let mut nodes: Vec<&str> = pairs.iter().map(|step| step.nodes.as_str()).collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            assert!(
+                pairs.len() == on_two
+                    && nodes.len() == 2
+                    && nodes.iter().all(|node| !node.contains(['[', ','])),
+                "each simulation on one of two nodes: {steps:?}"
+            );
+        }
+    }
+}
+
+/// One simulation over two and four nodes. A warning in the middle of a beat leaves a checkpoint,
+/// from which another job goes on, with other ranks on other nodes.
+pub fn one_simulation_spans_nodes(cluster: &Cluster) {
+    if let Some(why) = hindrance(cluster) {
+        eprintln!("not tested: {why}");
+        return;
+    }
+    let cohort = in_3d(cluster, &["06-CoA"], "srun", 4, 1)
+        .set("executor.slurm.account=t01")
+        .set("solver.time_step_ms=0.5")
+        .set("solver.finite_element.mesh_nodes=1500");
+    archer2(&cohort, "");
+    assert_eq!(cohort.advance().code, 8);
+    assert!(
+        cohort.script(0).contains("--nodes=4"),
+        "{}",
+        cohort.script(0)
+    );
+    let mut beat = PathBuf::new();
+    cluster.wait("a checkpoint of a beat", || {
+        let begun = cohort.attempts_with("checkpoint");
+        let found = begun.into_iter().find(|path| {
+            let spec = fs::read_to_string(path.join("spec.json")).unwrap_or_default();
+            spec.contains("organ-beat") && !path.join("outcome.json").exists()
+        });
+        found.is_some_and(|path| {
+            beat = path;
+            true
+        })
+    });
+    let job = number_of(&cohort, 0);
+    cluster.slurm("scancel", &["--signal=USR1", "--batch", &job]);
+    cluster.wait("the end of the job", || {
+        cohort.jobs()[0].join("ended-0-0.json").exists()
+    });
+    let spread = steps(cluster, &job);
+    assert!(
+        spread
+            .iter()
+            .any(|step| step.n_tasks == 4 && step.nodes == "n[1-4]"),
+        "{spread:?}"
+    );
+    let cohort = cohort
+        .set("executor.threads=6")
+        .set("executor.ranks_per_node=3");
+    assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+    cohort.assert_done();
+    let tally = cohort.tally();
+    assert_eq!(
+        (tally.repeated, tally.again, cohort.jobs().len()),
+        (1, 0, 2),
+        "{tally:?}"
+    );
+    let last = steps(cluster, &number_of(&cohort, 1));
+    assert!(
+        last.iter()
+            .any(|step| step.n_tasks == 6 && step.nodes == "n[1-2]"),
+        "{last:?}"
+    );
+}
