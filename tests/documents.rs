@@ -306,7 +306,11 @@ fn flags_in_prose_exist() {
     // Calls of these programs have flags of their own. The list below has flags of MPI, Slurm and
     // openCARP that pages explain.
     const PROGRAMS: [&str; 3] = ["cargo ", "squeue ", "sbatch "];
-    const FOREIGN: [&str; 7] = [
+    const FOREIGN: [&str; 11] = [
+        "--exact",
+        "--nodelist",
+        "--host",
+        "--bind-to",
         "--mca",
         "--mpi",
         "--kill-on-bad-exit",

@@ -17,7 +17,7 @@ use crate::outcome::{
 use crate::plan::ResolvedPatient;
 use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
-use crate::status::PatientStatus;
+use crate::status::{PatientStatus, RefusedPatient};
 use crate::verdict::Verdict;
 
 /// Results of a cohort's run.
@@ -37,6 +37,9 @@ pub struct RunRecord {
     pub version: String,
     /// Patients in the order of the cohort.
     pub patients: Vec<PatientRecord>,
+    /// Patients that the last `run` or `advance` left out because of errors in their files.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<RefusedPatient>,
 }
 
 /// Results of one patient so far.

@@ -22,9 +22,21 @@ pub struct Status {
     pub counts: BTreeMap<String, u64>,
     /// Status of each patient, failed patients first.
     pub patients: Vec<PatientStatus>,
+    /// Patients that the last `run` or `advance` left out because of errors in their files.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<RefusedPatient>,
     /// Jobs on the cluster, if the run has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cluster: Option<ClusterStatus>,
+}
+
+/// A patient whose files have errors. Its results of earlier runs stay, and no task of it begins.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct RefusedPatient {
+    /// Pseudonym of the patient.
+    pub patient: String,
+    /// Errors, with file, line and remedy.
+    pub errors: Vec<String>,
 }
 
 /// Status of a run's jobs on a cluster.

@@ -30,6 +30,7 @@ fn main() -> ExitCode {
                 .map(|n| ResolvedPatient::noop(&format!("P{n:03}"), sleep_ms))
                 .collect(),
         ),
+        refused: Vec::new(),
         only: Vec::new(),
         executor: ExecutorSettings {
             kind: if in_process {

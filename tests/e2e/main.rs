@@ -18,6 +18,7 @@ mod notices;
 mod old_run;
 mod output;
 mod prepare;
+mod refused;
 mod requests;
 mod robustness;
 mod runs;

@@ -638,6 +638,7 @@ fn run(root: &Path, name: &str, patients: Vec<PatientRecord>) -> RunRecord {
         as_of: "2026-03-04T05:07:08.901Z".into(),
         version: "0.1.0".into(),
         patients,
+        refused: Vec::new(),
     }
 }
 

@@ -48,7 +48,7 @@ fn problems_of_the_broken_cohort() {
     );
     let mut report = Report::default();
     load(directory.as_ref(), &Options::default(), &mut report);
-    let text = problems::text(&report, false).replace(directory, "broken-cohort");
+    let text = problems::text(&report, false, true).replace(directory, "broken-cohort");
     insta::assert_snapshot!(text);
 }
 

@@ -242,10 +242,7 @@ fn plan(
     };
     let mut report = Report::default();
     let plan = input::load(cohort, options, &mut report).and_then(|cohort| cohort.plans().pop());
-    let said = problems::text(&report, talk.colour_err);
-    if !said.is_empty() {
-        talk.say(said.trim_end());
-    }
+    problems::say(&report, talk);
     plan.filter(|_| report.n_errors() == 0)
         .ok_or_else(|| CliError::Input {
             errors: count(report.n_errors(), "error"),

@@ -11,6 +11,7 @@ use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
+use cardiotwin_schemas::status::RefusedPatient;
 
 pub use cardiotwin_workflow::patient::Stage;
 
@@ -21,6 +22,7 @@ use crate::store::Writer;
 use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
+use crate::store::patients::REFUSED;
 use books::Books;
 use cluster::{Cluster, load_site};
 use decider::Decider;
@@ -62,6 +64,7 @@ pub use crate::store::{
 };
 pub use crate::store::{back_up, try_locks};
 pub use books::ATTEMPTS;
+pub use cardiotwin_slurm::script::HOSTS;
 pub use cardiotwin_workflow::cell_fit::contraction;
 #[cfg(feature = "dev")]
 pub use cluster::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
@@ -90,6 +93,9 @@ pub struct RunOptions {
     pub cohort_dir: PathBuf,
     /// All patients of the cohort, in its order. `None` continues with the plans in the store.
     pub patients: Option<Vec<ResolvedPatient>>,
+    /// Patients of the cohort whose files have errors. Their jobs are followed and their results
+    /// stay, but no task of them begins.
+    pub refused: Vec<RefusedPatient>,
     /// Patients to work on; empty means all.
     pub only: Vec<PatientId>,
     /// Executor, number of workers and further settings of the execution.
@@ -268,6 +274,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
         description: String::new(),
         cohort_dir: PathBuf::new(),
         patients: None,
+        refused: Vec::new(),
         only: Vec::new(),
         executor: ExecutorSettings::default(),
         worker: None,
@@ -309,17 +316,23 @@ async fn open(
     let mut decider = Decider::new(options.executor.site_retries);
     let cohort_dir = options.cohort_dir.to_string_lossy();
     if let Some(plans) = &options.patients {
+        let refused = serde_json::to_string(&options.refused).expect("texts are JSON");
         writer
             .set_meta(&[
                 ("cohort", options.cohort_name.as_str()),
                 ("description", options.description.as_str()),
                 ("cohort_dir", &cohort_dir),
+                (REFUSED, &refused),
             ])
             .await?;
-        decider.take_up(&mut books, plans)?;
+        decider.take_up(&mut books, plans, &options.refused)?;
     }
     let only = &options.only;
-    books.select(|patient| only.is_empty() || only.iter().any(|id| id.as_str() == patient));
+    let is_refused = |patient: &str| options.refused.iter().any(|one| one.patient == patient);
+    books.select(|patient| {
+        let is_wanted = only.is_empty() || only.iter().any(|id| id.as_str() == patient);
+        is_wanted && !is_refused(patient)
+    });
     decider.count(&books);
     Ok((writer, books, decider))
 }

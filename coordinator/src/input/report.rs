@@ -89,6 +89,14 @@ impl Report {
         self.findings.len() - self.n_errors()
     }
 
+    /// Whether the cohort as a whole has an error, apart from those of its patients.
+    #[must_use]
+    pub fn has_error_of_cohort(&self) -> bool {
+        self.findings
+            .iter()
+            .any(|finding| finding.patient.is_none() && finding.problem.is_error())
+    }
+
     /// Whether this patient, or the cohort as a whole, has an error.
     #[must_use]
     pub fn has_error_of(&self, patient: &str) -> bool {

@@ -114,6 +114,16 @@ pub fn header(run: &RunRecord) -> Markup {
             h1 { (run.cohort) }
             @if !run.description.is_empty() { p.lead { (run.description) } }
             p.summary { (sentence(run)) }
+            @if !run.refused.is_empty() {
+                div.refused {
+                    p.bad { "Not part of this run, because their files have errors:" }
+                    ul {
+                        @for refused in &run.refused {
+                            li { b { (refused.patient) } ": " (refused.errors.join("; ")) }
+                        }
+                    }
+                }
+            }
             p.quiet {
                 "State of " (moment(&run.as_of)) " · cardiotwin " (run.version)
                 @if !versions.is_empty() { " · computed by worker " (versions.join(", ")) }

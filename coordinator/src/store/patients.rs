@@ -5,6 +5,9 @@ use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::Patient;
 use serde::Serialize;
 
+/// Key of the refused patients, as JSON, in the table `meta`.
+pub const REFUSED: &str = "refused";
+
 /// A row of `patients`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatientRow {

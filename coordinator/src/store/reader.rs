@@ -9,7 +9,7 @@ use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
-use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, Status};
+use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, RefusedPatient, Status};
 use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use sqlx::Row as _;
@@ -20,7 +20,7 @@ use super::before::{self, Was};
 use super::cluster_jobs::{self, Allotment, ClusterReport, JobRecord, REPORT};
 use super::notable::Notable;
 use super::open::{DATABASE_FILE, ReadOnly, VERSION};
-use super::patients::PatientRow;
+use super::patients::{PatientRow, REFUSED};
 use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
@@ -87,6 +87,7 @@ impl Reader {
                 || lease::holder(&self.run_dir).is_some(),
             counts,
             patients,
+            refused: self.refused().await?,
             cluster: self.cluster(now_ms).await?,
         })
     }
@@ -104,6 +105,12 @@ impl Reader {
             cohort: self.meta("cohort").await?,
             ..read
         })
+    }
+
+    /// Patients that the last run left out.
+    async fn refused(&self) -> Result<Vec<RefusedPatient>, StoreError> {
+        // Runs of earlier programs have no such entry.
+        Ok(serde_json::from_str(&self.meta(REFUSED).await?).unwrap_or_default())
     }
 
     /// State of the cluster; `None` if the run never used one.
@@ -155,6 +162,7 @@ impl Reader {
             as_of: clock::utc_text(now_ms),
             version: VERSION.to_owned(),
             patients: records,
+            refused: self.refused().await?,
         })
     }
 

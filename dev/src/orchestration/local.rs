@@ -126,6 +126,7 @@ fn run_options(options: &BenchOptions) -> RunOptions {
                 .map(|n| ResolvedPatient::noop(&format!("N{n:05}"), 0))
                 .collect(),
         ),
+        refused: Vec::new(),
         only: Vec::new(),
         executor: ExecutorSettings {
             kind,

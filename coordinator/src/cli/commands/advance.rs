@@ -30,6 +30,9 @@ pub struct AdvanceArgs {
     /// Continue with this worker although the run began with another version
     #[arg(long)]
     adopt_version: bool,
+    /// Do nothing if the files of any patient have errors, instead of advancing the other patients
+    #[arg(long)]
+    strict: bool,
     /// Print one JSON object about this tick instead of the table
     #[arg(long)]
     json: bool,
@@ -42,6 +45,8 @@ struct Tick {
     failed: usize,
     cancelled: usize,
     unfinished: usize,
+    /// Patients left out because of errors in their files.
+    refused: usize,
     /// Job elements that have not ended.
     jobs: usize,
     submitted: u64,
@@ -55,7 +60,13 @@ struct Tick {
 /// The same as for `run`.
 pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
-    let options = load_for_cluster(&folders, &args.set, args.worker.as_deref(), talk)?;
+    let options = load_for_cluster(
+        &folders,
+        &args.set,
+        args.strict,
+        args.worker.as_deref(),
+        talk,
+    )?;
     let options = RunOptions {
         adopt_version: args.adopt_version,
         ..options
@@ -67,17 +78,21 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
     let (events, _) = tokio::sync::mpsc::unbounded_channel();
     access::apply(&options.executor, &options.run_dir)?;
     scratch::lay_out(&options.executor, &options.run_dir)?;
+    let n_refused = options.refused.len();
     let (run_dir, told) = (options.run_dir.clone(), options.executor.notices.clone());
     let summary = engine::run(options, events, stop).await?;
     notices::tell(&run_dir, &told, talk).await;
     let over = !summary.on_cluster();
     if args.json {
-        talk.json(&tick(&summary))?;
+        talk.json(&tick(&summary, n_refused))?;
     } else if over {
-        let parts = format!(
+        let mut parts = format!(
             "{} done, {} failed, {} cancelled",
             summary.done, summary.failed, summary.cancelled
         );
+        if n_refused > 0 {
+            parts.push_str(&format!(", {n_refused} refused for errors in their files"));
+        }
         talk.data(&format!(
             "{}: {parts}; nothing left to do\n",
             count(summary.patients, "patient")
@@ -85,20 +100,23 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
     } else {
         on_cluster(&summary, &folders, talk).await?;
     }
-    Ok(match (over, summary.failed + summary.cancelled) {
-        (false, _) => Exit::Unfinished,
-        (true, 0) => Exit::Ok,
-        (true, _) => Exit::Problems,
-    })
+    Ok(
+        match (over, summary.failed + summary.cancelled + n_refused) {
+            (false, _) => Exit::Unfinished,
+            (true, 0) => Exit::Ok,
+            (true, _) => Exit::Problems,
+        },
+    )
 }
 
-fn tick(summary: &RunSummary) -> Tick {
+fn tick(summary: &RunSummary, refused: usize) -> Tick {
     Tick {
         patients: summary.patients,
         done: summary.done,
         failed: summary.failed,
         cancelled: summary.cancelled,
         unfinished: summary.unfinished,
+        refused,
         jobs: summary.jobs,
         submitted: summary.submitted,
         published: summary.published,

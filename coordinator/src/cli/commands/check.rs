@@ -67,7 +67,7 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
             problems: &findings,
         })?;
     } else {
-        talk.data(&problems::text(&report, talk.colour_out))?;
+        talk.data(&problems::text(&report, talk.colour_out, true))?;
         let name = cohort
             .as_ref()
             .map_or("the cohort", |cohort| cohort.name.as_str());

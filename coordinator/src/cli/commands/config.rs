@@ -73,7 +73,7 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
         meshes: false,
     };
     let cohort = input::load(&cohort_dir, &options, &mut report);
-    talk.say(problems::text(&report, talk.colour_err).trim_end());
+    problems::say(&report, talk);
     let merged: Option<&Merged> = cohort.as_ref().and_then(|cohort| match &args.patient {
         Some(_) => cohort.patients.first().map(|patient| &patient.settings),
         None => Some(&cohort.settings),

@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use cardiotwin_slurm::script;
 use clap::Args;
 
 use crate::cli::error::CliError;
@@ -35,7 +34,7 @@ pub async fn execute(args: &DriveArgs, talk: &Talk) -> Result<Exit, CliError> {
         element: element.unwrap_or(0),
         node: number("SLURM_NODEID").unwrap_or(0),
         id,
-        hosts: told(script::HOSTS)
+        hosts: told(engine::HOSTS)
             .unwrap_or_default()
             .split_ascii_whitespace()
             .map(str::to_owned)

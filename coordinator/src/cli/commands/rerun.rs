@@ -65,7 +65,7 @@ pub async fn execute(args: &RerunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let layer = Layer::from_command_line(&assignments, &mut report);
     check_on_top(&record.plan.settings, &layer, &mut report);
     if report.n_errors() > 0 {
-        talk.say(problems::text(&report, talk.colour_err).trim_end());
+        problems::say(&report, talk);
         return Err(CliError::Input {
             errors: count(report.n_errors(), "error"),
         });

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::PatientRecord;
+use cardiotwin_schemas::status::RefusedPatient;
 use clap::Args;
 
 use crate::cli::commands::report::FILE;
@@ -82,6 +83,9 @@ pub struct RunArgs {
     /// Continue with this worker although the run began with another version
     #[arg(long)]
     adopt_version: bool,
+    /// Do nothing if the files of any patient have errors, instead of running the other patients
+    #[arg(long)]
+    strict: bool,
 }
 
 /// Runs the cohort.
@@ -93,10 +97,18 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     folders
         .refuse_sweep("continue it with `cardiotwin sweep`, see `cardiotwin sweep status DIR`")?;
-    let cohort = load(&folders, &args.settings(), &args.patients, true, talk)?;
+    let wanted = Wanted {
+        set: &args.settings(),
+        only: &args.patients,
+        meshes: true,
+        strict: args.strict,
+        follows_jobs: false,
+    };
+    let (cohort, refused) = load(&folders, &wanted, talk)?;
     if args.dry_run {
         return dry_run(&cohort, &folders, talk).await;
     }
+    let n_refused = refused.len();
     if let Some(said) = cohort
         .plans()
         .first()
@@ -112,7 +124,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
             .collect(),
         watch: args.watch,
         adopt_version: args.adopt_version,
-        ..of_cohort(&cohort, &folders, args.worker.as_deref())
+        ..of_cohort(&cohort, refused, &folders, args.worker.as_deref())
     };
     let stop = StopSignal::from_signals().map_err(|source| CliError::Io {
         what: "cannot listen to signals",
@@ -127,7 +139,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     // The watcher ends when the engine drops its sender.
     let _ = watcher.await;
     let summary = outcome?;
-    finish(args, &summary, &folders, began, talk).await
+    finish(args, (&summary, n_refused), &folders, began, talk).await
 }
 
 impl RunArgs {
@@ -163,13 +175,19 @@ impl RunArgs {
 }
 
 /// Options for a run of the whole cohort; on a cluster it ends after its first tick.
-fn of_cohort(cohort: &Cohort, folders: &Folders, worker: Option<&Path>) -> RunOptions {
+fn of_cohort(
+    cohort: &Cohort,
+    refused: Vec<RefusedPatient>,
+    folders: &Folders,
+    worker: Option<&Path>,
+) -> RunOptions {
     RunOptions {
         run_dir: folders.run.clone(),
         cohort_name: cohort.name.clone(),
         description: cohort.description.clone(),
         cohort_dir: cohort.directory.clone(),
         patients: Some(cohort.plans()),
+        refused,
         only: Vec::new(),
         executor: cohort.settings.settings.executor.clone(),
         worker: worker.map(Path::to_owned),
@@ -182,6 +200,7 @@ fn of_cohort(cohort: &Cohort, folders: &Folders, worker: Option<&Path>) -> RunOp
 pub(super) fn load_for_cluster(
     folders: &Folders,
     set: &[String],
+    strict: bool,
     worker: Option<&Path>,
     talk: &Talk,
 ) -> Result<RunOptions, CliError> {
@@ -189,53 +208,75 @@ pub(super) fn load_for_cluster(
         .chain(set.iter().cloned())
         .collect();
     // Meshes are checked before the first submission and not at every tick.
-    let meshes = !folders.run.join(crate::cli::place::DATABASE).exists();
-    Ok(of_cohort(
-        &load(folders, &set, &[], meshes, talk)?,
-        folders,
-        worker,
-    ))
+    let has_begun = folders.run.join(crate::cli::place::DATABASE).exists();
+    let wanted = Wanted {
+        set: &set,
+        only: &[],
+        meshes: !has_begun,
+        strict,
+        follows_jobs: has_begun,
+    };
+    let (cohort, refused) = load(folders, &wanted, talk)?;
+    Ok(of_cohort(&cohort, refused, folders, worker))
 }
 
-/// Loads the cohort, or prints all its problems. With `meshes`, the patients' own meshes are
-/// checked, too. `only` is checked to name patients of the cohort.
+/// What is loaded of a cohort, and what is refused.
+struct Wanted<'a> {
+    /// Assignments of `--set`.
+    set: &'a [String],
+    /// Patients of the cohort to work on; empty means all.
+    only: &'a [String],
+    /// Whether the patients' own meshes are checked, too.
+    meshes: bool,
+    /// Whether an error of one patient refuses the whole cohort.
+    strict: bool,
+    /// Whether patients may all be refused: there are jobs that must be followed.
+    follows_jobs: bool,
+}
+
+/// Loads the cohort and prints all its problems. Patients with errors in their files are returned
+/// beside it.
+///
+/// # Errors
+/// [`CliError::Input`] if `cohort.toml` has errors, no wanted patient is free of them, or, with
+/// `strict`, any patient has one.
 fn load(
     folders: &Folders,
-    set: &[String],
-    only: &[String],
-    meshes: bool,
+    wanted: &Wanted<'_>,
     talk: &Talk,
-) -> Result<Cohort, CliError> {
+) -> Result<(Cohort, Vec<RefusedPatient>), CliError> {
     let Some(directory) = &folders.cohort else {
         let run = folders.run.display();
         let message = format!("{run} is a run: name its cohort, and the run with --run-dir {run}");
         return Err(CliError::Usage(message));
     };
     let mut report = Report::default();
-    let cohort = input::load(
-        directory,
-        &Options {
-            set: set.to_vec(),
-            meshes,
-            ..Options::default()
-        },
-        &mut report,
-    );
-    let said = problems::text(&report, talk.colour_err);
-    if !said.is_empty() {
-        talk.say(said.trim_end());
-    }
-    match cohort {
-        Some(cohort) if report.n_errors() == 0 => {
-            let known = |id: &&String| cohort.patients.iter().any(|patient| patient.id == **id);
-            match only.iter().find(|id| !known(id)) {
-                Some(id) => Err(CliError::Usage(unknown_patient(id, &cohort))),
-                None => Ok(cohort),
-            }
-        }
-        _ => Err(CliError::Input {
+    let options = Options {
+        set: wanted.set.to_vec(),
+        meshes: wanted.meshes,
+        ..Options::default()
+    };
+    let cohort = input::load(directory, &options, &mut report);
+    problems::say(&report, talk);
+    let refused = problems::refused(&report);
+    let is_refused = |id: &String| refused.iter().any(|one| one.patient == *id);
+    let is_wanted = |id: &String| wanted.only.is_empty() || wanted.only.contains(id);
+    let Some(cohort) = cohort.filter(|cohort| {
+        let mut ids = cohort.patients.iter().map(|patient| &patient.id);
+        report.n_errors() == 0
+            || !wanted.strict
+                && !report.has_error_of_cohort()
+                && (wanted.follows_jobs || ids.any(|id| is_wanted(id) && !is_refused(id)))
+    }) else {
+        return Err(CliError::Input {
             errors: count(report.n_errors(), "error"),
-        }),
+        });
+    };
+    let known =
+        |id: &&String| is_refused(id) || cohort.patients.iter().any(|patient| patient.id == **id);
+    match wanted.only.iter().find(|id| !known(id)) {
+        Some(id) => Err(CliError::Usage(unknown_patient(id, &cohort))),
+        None => Ok((cohort, refused)),
     }
 }
 
@@ -315,7 +356,7 @@ async fn result_line(
 /// Prints table, report and hints, and returns the exit code.
 async fn finish(
     args: &RunArgs,
-    summary: &RunSummary,
+    (summary, n_refused): (&RunSummary, usize),
     folders: &Folders,
     began: Instant,
     talk: &Talk,
@@ -338,6 +379,7 @@ async fn finish(
         (summary.failed, "failed"),
         (summary.cancelled, "cancelled"),
         (summary.unfinished, "unfinished"),
+        (n_refused, "refused for errors in their files"),
     ];
     let parts: Vec<String> = parts
         .iter()
@@ -374,7 +416,14 @@ async fn finish(
             "`cardiotwin status{place}` lists the failures first"
         ));
     }
-    Ok(if summary.failed + summary.cancelled > 0 {
+    if n_refused > 0 {
+        let place = folders.as_argument("");
+        talk.hint(&format!(
+            "`cardiotwin check{place}` shows the errors of refused patients; once they are mended, \
+             `run` takes these patients up"
+        ));
+    }
+    Ok(if summary.failed + summary.cancelled + n_refused > 0 {
         Exit::Problems
     } else {
         Exit::Ok

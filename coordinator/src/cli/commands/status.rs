@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, Status};
+use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, RefusedPatient, Status};
 use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 
@@ -97,6 +97,9 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
         talk,
         &[member, "STEP", "STATE", "ITER", ">COST", ">FOR", "NOTE"],
     );
+    for refused in &status.refused {
+        table.toned(refused_row(refused));
+    }
     for patient in status.patients.iter().take(rows) {
         table.toned(row(patient));
     }
@@ -109,12 +112,15 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
             all - rows
         ));
     }
-    let counts: Vec<String> = status
+    let mut counts: Vec<String> = status
         .counts
         .iter()
         .filter(|(_, n)| **n > 0)
         .map(|(state, n)| format!("{n} {state}"))
         .collect();
+    if !status.refused.is_empty() {
+        counts.push(format!("{} refused", status.refused.len()));
+    }
     let counts = if counts.is_empty() {
         "no patients".to_owned()
     } else {
@@ -162,6 +168,25 @@ fn of_cluster(cluster: &ClusterStatus) -> String {
         }
     }
     text
+}
+
+/// Row of a patient whose files have errors.
+fn refused_row(refused: &RefusedPatient) -> Vec<(String, Option<Tone>)> {
+    let more = match refused.errors.len() {
+        0 | 1 => String::new(),
+        n => format!("; {} more", n - 1),
+    };
+    let first = refused.errors.first().map_or("", String::as_str);
+    let note: String = first.chars().take(LONGEST_NOTE).collect();
+    vec![
+        (refused.patient.clone(), None),
+        ("input".to_owned(), None),
+        ("refused".to_owned(), Some(Tone::Bad)),
+        ("-".to_owned(), None),
+        ("-".to_owned(), None),
+        ("-".to_owned(), None),
+        (format!("[input] {note}{more}"), None),
+    ]
 }
 
 fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
@@ -224,6 +249,12 @@ fn shortened(note: &str) -> String {
 /// The command to call next, if one is needed.
 #[must_use]
 pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
+    if !status.refused.is_empty() {
+        let check = folders.as_argument("");
+        return Some(format!(
+            "`cardiotwin check{check}` shows the errors of refused patients"
+        ));
+    }
     let of = folders.as_argument("--cohort ");
     if let Some(failed) = status
         .patients
@@ -326,6 +357,13 @@ mod tests {
                     ..patient("01-CoA", "done", "done")
                 },
             ],
+            refused: vec![RefusedPatient {
+                patient: "06-CoA".into(),
+                errors: vec![
+                    "patients/06-CoA/patient.toml:3:1: HR_bpm: found -4, expected a number from 20 to 300".into(),
+                    "patients/06-CoA/pressure.csv: found no such file, expected a pressure trace".into(),
+                ],
+            }],
             cluster: None,
         }
     }

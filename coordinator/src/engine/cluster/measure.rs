@@ -192,6 +192,7 @@ fn options_of(run_dir: &Path, executor: ExecutorSettings) -> RunOptions {
         description: "no-op tasks".into(),
         cohort_dir: run_dir.to_owned(),
         patients: None,
+        refused: Vec::new(),
         only: Vec::new(),
         executor,
         worker: None,
@@ -309,6 +310,7 @@ impl Stand {
                 element: run.element.unwrap_or(0),
                 node: 0,
                 id: Some((n + 1).to_string()),
+                hosts: Vec::new(),
                 leave_at_ms: None,
             };
             let begun = Arc::new(Notify::new());

@@ -6,6 +6,7 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
 use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::status::RefusedPatient;
 use cardiotwin_workflow::attempt::{Attempt, AttemptEnding, AttemptEvent};
 use cardiotwin_workflow::derivation::{self, Next};
 use cardiotwin_workflow::judge::judge;
@@ -27,8 +28,12 @@ impl Decider {
         &mut self,
         books: &mut Books,
         plans: &[ResolvedPatient],
+        refused: &[RefusedPatient],
     ) -> Result<(), EngineError> {
         let mut present = vec![false; books.patients().len()];
+        for i in refused.iter().filter_map(|one| books.by_name(&one.patient)) {
+            present[i] = true; // It is part of the cohort, and keeps its plan until it has another.
+        }
         for (position, given) in plans.iter().enumerate() {
             let position = position as i64;
             let text = serde_json::to_string(given).expect("a plan is JSON");

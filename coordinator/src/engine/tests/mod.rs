@@ -105,6 +105,7 @@ impl Bench {
             description: String::new(),
             cohort_dir: self.path().to_owned(),
             patients,
+            refused: Vec::new(),
             only: vec![],
             executor: ExecutorSettings::default(),
             worker: None,

@@ -85,10 +85,7 @@ impl Source {
             .into_iter()
             .filter_map(|patient| searched(patient, args, &mut report))
             .collect();
-        let said = problems::text(&report, talk.colour_err);
-        if !said.is_empty() {
-            talk.say(said.trim_end());
-        }
+        problems::say(&report, talk);
         if report.n_errors() > 0 {
             return Err(CliError::Input {
                 errors: count(report.n_errors(), "error"),

@@ -39,7 +39,7 @@ fn say(found: Vec<Problem>, talk: &Talk) -> usize {
     found
         .into_iter()
         .for_each(|problem| report.add(None, problem));
-    let text = problems::text(&report, talk.colour_err);
+    let text = problems::text(&report, talk.colour_err, true);
     if !text.is_empty() {
         talk.say(text.trim_end());
     }

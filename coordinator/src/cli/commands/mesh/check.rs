@@ -111,7 +111,7 @@ pub fn tell(intake: &Intake, file: &Path, json: bool, talk: &Talk) -> Result<Exi
             .iter()
             .for_each(|defect| report.add(None, mesh_problem(file, defect)));
         talk.data(&figures.text())?;
-        talk.data(&problems::text(&report, talk.colour_out))?;
+        talk.data(&problems::text(&report, talk.colour_out, true))?;
         let (errors, warnings) = (report.n_errors(), report.n_warnings());
         if errors + warnings == 0 {
             talk.data(&format!("{}: no problems\n", file.display()))?;

@@ -60,10 +60,7 @@ pub struct PrepareArgs {
 pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut report = Report::default();
     let raw = read_raw(&args.raw, &mut report);
-    let said = problems::text(&report, talk.colour_err);
-    if !said.is_empty() {
-        talk.say(said.trim_end());
-    }
+    problems::say(&report, talk);
     let Some(raw) = raw else {
         return Err(CliError::Recordings {
             errors: count(report.n_errors(), "error"),
@@ -190,10 +187,7 @@ fn write(folder: &Path, files: &[(String, String)]) -> Result<(), WriteError> {
 fn afterwards(folder: &Path, talk: &Talk) {
     let mut report = Report::default();
     load_alone(folder, &mut report);
-    let said = problems::text(&report, talk.colour_err);
-    if !said.is_empty() {
-        talk.say(said.trim_end());
-    }
+    problems::say(&report, talk);
     let complaints = report.n_errors() + report.n_warnings();
     let checked = if complaints == 0 {
         "no problems".to_owned()

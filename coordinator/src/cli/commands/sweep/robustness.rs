@@ -226,10 +226,7 @@ fn load(
         },
         &mut report,
     );
-    let said = problems::text(&report, talk.colour_err);
-    if !said.is_empty() {
-        talk.say(said.trim_end());
-    }
+    problems::say(&report, talk);
     cohort
         .filter(|_| report.n_errors() == 0)
         .ok_or_else(|| CliError::Input {
@@ -356,6 +353,7 @@ async fn run(
         description: format!("robustness, {}", args.kind.over().word()),
         cohort_dir: cohort.directory.clone(),
         patients: Some(members),
+        refused: Vec::new(),
         only: Vec::new(),
         executor,
         worker: args.worker.clone(),

@@ -236,6 +236,7 @@ impl Lab {
             description: String::new(),
             cohort_dir: self.dir.path().to_owned(),
             patients: (!self.has_stored_plans).then(|| self.patients.clone()),
+            refused: Vec::new(),
             only: vec![],
             executor: ExecutorSettings {
                 kind: ExecutorKind::Slurm,
@@ -317,6 +318,7 @@ impl Lab {
                     element,
                     node,
                     id,
+                    hosts: Vec::new(),
                     leave_at_ms: None,
                 };
                 let (script, dies) = (Arc::clone(&self.script), dies());
