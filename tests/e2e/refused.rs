@@ -25,7 +25,7 @@ fn one_broken_patient_is_refused_and_the_others_run() {
     std::fs::write(cohort.path().join(FILE), "\0junk").unwrap();
 
     let strict = cohort.call(&["run", "--strict"]).expect(3);
-    strict.complains_of(&["patient.toml:1", "1 error"]);
+    strict.complains_of(&["patient.toml:1", "2 errors"]);
     assert!(!cohort.run_dir().join("cardiotwin.db").exists());
     let alone = cohort.call(&["run", "--patient", "02-CoA"]).expect(3);
     alone.complains_of(&["patient.toml:1"]);
@@ -40,7 +40,7 @@ fn one_broken_patient_is_refused_and_the_others_run() {
     // Errors are printed even if the program is quiet.
     said.complains_of(&["error: ", "patients/02-CoA/patient.toml:1"]);
     let status = cohort.call(&["status", "--json"]).json();
-    assert_eq!(refused(&status), (vec!["02-CoA"], 1), "{status:#}");
+    assert_eq!(refused(&status), (vec!["02-CoA"], 2), "{status:#}");
     let table = cohort.call(&["status"]).expect(0).out;
     assert!(
         table.contains("02-CoA") && table.contains("refused") && table.contains("[input] "),
