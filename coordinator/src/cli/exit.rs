@@ -65,10 +65,12 @@ impl Exit {
         match self {
             Self::Ok => "success",
             Self::Problems => {
-                "`check` found problems; patients of the run failed or were cancelled"
+                "`check` found problems; patients of the run failed, were cancelled or refused"
             }
             Self::Usage => "invalid command line",
-            Self::Input => "cohort, patient files or settings are wrong; nothing was run",
+            Self::Input => {
+                "`cohort.toml` or settings are wrong, or no patient is sound; nothing was run"
+            }
             Self::Locked => "another coordinator works on this run",
             Self::Store => {
                 "the run's database is missing, damaged, of a newer version, or cannot be written"

@@ -468,7 +468,7 @@ mod tests {
             ["step2.recombination"]
         );
         assert_eq!(keys(|s| s.step2.mutation = [1.0, 0.5]), ["step2.mutation"]);
-        assert_eq!(keys(|s| s.executor.threads = 2000), ["executor.threads"]);
+        assert_eq!(keys(|s| s.executor.threads = 20_000), ["executor.threads"]);
         let of_wall =
             |change: fn(&mut WallSettings)| keys(|s| change(&mut s.solver.finite_element.wall));
         let wall = |name: &str| [format!("solver.finite_element.wall.{name}")];

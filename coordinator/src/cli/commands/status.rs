@@ -249,12 +249,6 @@ fn shortened(note: &str) -> String {
 /// The command to call next, if one is needed.
 #[must_use]
 pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
-    if !status.refused.is_empty() {
-        let check = folders.as_argument("");
-        return Some(format!(
-            "`cardiotwin check{check}` shows the errors of refused patients"
-        ));
-    }
     let of = folders.as_argument("--cohort ");
     if let Some(failed) = status
         .patients
@@ -271,6 +265,12 @@ pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
             }
             _ => format!("`cardiotwin show {id}{of}` shows details"),
         });
+    }
+    if !status.refused.is_empty() {
+        let check = folders.as_argument("");
+        return Some(format!(
+            "`cardiotwin check{check}` shows the errors of refused patients"
+        ));
     }
     let waiting = status
         .patients
@@ -357,20 +357,25 @@ mod tests {
                     ..patient("01-CoA", "done", "done")
                 },
             ],
-            refused: vec![RefusedPatient {
-                patient: "06-CoA".into(),
-                errors: vec![
-                    "patients/06-CoA/patient.toml:3:1: HR_bpm: found -4, expected a number from 20 to 300".into(),
-                    "patients/06-CoA/pressure.csv: found no such file, expected a pressure trace".into(),
-                ],
-            }],
+            refused: Vec::new(),
             cluster: None,
         }
     }
 
     #[test]
     fn failures_stand_first_and_columns_line_up() {
-        insta::assert_snapshot!(screen(&status(), "PATIENT", 60, &PLAIN));
+        let refused = RefusedPatient {
+            patient: "06-CoA".into(),
+            errors: vec![
+                "patients/06-CoA/patient.toml:3:1: HR_bpm: found -4, expected a number from 20 to 300".into(),
+                "patients/06-CoA/pressure.csv: found no such file, expected a pressure trace".into(),
+            ],
+        };
+        let status = Status {
+            refused: vec![refused],
+            ..status()
+        };
+        insta::assert_snapshot!(screen(&status, "PATIENT", 60, &PLAIN));
     }
 
     #[test]
