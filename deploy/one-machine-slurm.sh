@@ -234,7 +234,7 @@ CONF
     [ -z "$MORE_CONF" ] || cat "$MORE_CONF" >>"$SLURM_CONF"
 }
 write_task_prolog() { # nodes of one machine are not to share memory: an MPI that sees one host would mix up their files
-    printf '#!/bin/sh\necho export OMPI_MCA_btl=tcp,self\necho export MPIR_CVAR_NOLOCAL=1\n' >"$ROOT/etc/task-prolog"
+    printf '#!/bin/sh\necho export OMPI_MCA_btl=tcp,self\necho export OMPI_MCA_btl_tcp_if_include=lo\necho export MPIR_CVAR_NOLOCAL=1\n' >"$ROOT/etc/task-prolog"
     chmod +x "$ROOT/etc/task-prolog"
 }
 write_cgroup_conf() { # newer ones set cgroups up even where no plugin wants them, and fail where they may not
