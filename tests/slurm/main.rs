@@ -20,9 +20,19 @@ mod whole;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use cluster::Cluster;
+
+/// Number of tests that could not be run here.
+static N_NOT_TESTED: AtomicUsize = AtomicUsize::new(0);
+
+/// Tells why a test cannot be run here, and counts it.
+fn not_tested(why: &str) {
+    N_NOT_TESTED.fetch_add(1, Ordering::Relaxed);
+    eprintln!("not tested: {why}");
+}
 
 /// Name and function of a test.
 type Test = (&'static str, fn(&Cluster));
@@ -201,9 +211,11 @@ fn main() -> ExitCode {
         if ok { passed += 1 } else { failed.push(*name) }
     }
     drop(cluster);
+    let n_not_tested = N_NOT_TESTED.load(Ordering::Relaxed);
     println!(
-        "test result: {}. {passed} passed; {} failed",
+        "test result: {}. {} passed; {} failed; {n_not_tested} not tested",
         if failed.is_empty() { "ok" } else { "FAILED" },
+        passed - n_not_tested,
         failed.len()
     );
     failed.iter().for_each(|name| println!("failed: {name}"));

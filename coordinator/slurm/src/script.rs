@@ -35,8 +35,10 @@ pub struct Job {
     pub exclude: Vec<String>,
     /// Array; `None` for a single job.
     pub array: Option<Array>,
-    /// Commands of the job.
-    pub work: Work,
+    /// Path of the program that the job runs, then its arguments.
+    pub command: Vec<String>,
+    /// Processes that run the command.
+    pub drivers: Drivers,
 }
 
 /// An array with indices from 0.
@@ -48,29 +50,15 @@ pub struct Array {
     pub at_once: Option<u32>,
 }
 
-/// Commands of a job.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Work {
-    /// One command, run once on every node: a driver that itself uses every core of its node. The
-    /// index of the array is in `SLURM_ARRAY_TASK_ID`.
-    PerNode {
-        /// Path of the program, then its arguments.
-        command: Vec<String>,
-    },
-    /// One command, run by the script itself on the job's first node: a driver that makes steps. The
+/// Processes that run the command of a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Drivers {
+    /// One on every node: a driver that itself uses every core of its node. The index of the array
+    /// is in `SLURM_ARRAY_TASK_ID`.
+    PerNode,
+    /// One, started by the script itself on the job's first node: a driver that makes steps. The
     /// names of the job's nodes are in [`HOSTS`].
-    PerJob {
-        /// Path of the program, then its arguments.
-        command: Vec<String>,
-    },
-}
-
-impl Work {
-    fn command(&self) -> &[String] {
-        match self {
-            Self::PerNode { command } | Self::PerJob { command } => command,
-        }
-    }
+    PerJob,
 }
 
 /// Name of the environment variable with the names of the job's nodes, separated by blanks.
@@ -185,7 +173,7 @@ fn check(job: &Job, queue: &Queue, site: &Site) -> Result<(), ScriptError> {
             });
         }
     }
-    let words = job.work.command().iter();
+    let words = job.command.iter();
     if let Some(word) = words
         .chain([&job.folder])
         .find(|word| word.contains(['\n', '\r', '\0']))
@@ -239,9 +227,9 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
         job.n_cores
     };
     // mpirun takes the number of tasks for the number of ranks that a node may have.
-    let (n_tasks, n_cores_per_task) = match &job.work {
-        Work::PerJob { .. } => (n_cores, 1),
-        Work::PerNode { .. } => (1, n_cores),
+    let (n_tasks, n_cores_per_task) = match job.drivers {
+        Drivers::PerJob => (n_cores, 1),
+        Drivers::PerNode => (1, n_cores),
     };
     option(format!("--ntasks-per-node={n_tasks}"));
     option(format!("--cpus-per-task={n_cores_per_task}"));
@@ -283,15 +271,15 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     ));
     lines.push(format!("warning={}", job.warning_s + 60));
     lines.push(COMMON.trim_end().to_owned());
-    let command = command_line(job.work.command());
-    match &job.work {
-        Work::PerNode { .. } => {
+    let command = command_line(&job.command);
+    match job.drivers {
+        Drivers::PerNode => {
             let launcher = command_line(&site.launcher.command);
             lines.push(format!(
                 "{launcher} --ntasks=\"$SLURM_NNODES\" --ntasks-per-node=1 {command} &"
             ));
         }
-        Work::PerJob { .. } => {
+        Drivers::PerJob => {
             lines.push(format!(
                 "{HOSTS}=$(scontrol show hostnames \"$SLURM_JOB_NODELIST\" | tr '\\n' ' ')"
             ));
@@ -324,7 +312,7 @@ exit "$code"
 
 #[cfg(test)]
 mod tests {
-    use super::{Array, Job, ScriptError, Work, write};
+    use super::{Array, Drivers, Job, ScriptError, write};
     use crate::job::JobName;
     use crate::site::Use;
     use crate::site::tests::shipped as site;
@@ -342,11 +330,10 @@ mod tests {
             memory_mib: None,
             exclude: vec!["n4".to_owned(), "n[7-8]".to_owned()],
             array: None,
-            work: Work::PerJob {
-                command: ["cardiotwin", "drive", "/data/my run/slurm/it's"]
-                    .map(str::to_owned)
-                    .to_vec(),
-            },
+            command: ["cardiotwin", "drive", "/data/my run/slurm/it's"]
+                .map(str::to_owned)
+                .to_vec(),
+            drivers: Drivers::PerJob,
         }
     }
 
@@ -360,13 +347,12 @@ mod tests {
                 n: 352,
                 at_once: Some(16),
             }),
-            work: Work::PerNode {
-                command: vec![
-                    "cardiotwin-worker".to_owned(),
-                    "run".to_owned(),
-                    "chunk".to_owned(),
-                ],
-            },
+            command: vec![
+                "cardiotwin-worker".to_owned(),
+                "run".to_owned(),
+                "chunk".to_owned(),
+            ],
+            drivers: Drivers::PerNode,
             ..simulations(1)
         }
     }
@@ -422,13 +408,10 @@ mod tests {
             .clone();
         let command =
             "sleep 600 & nap=$!; trap 'kill $nap; exit 7' USR1; kill -USR1 $PPID; wait; exit 8";
-        let command = ["bash", "-c", command].map(str::to_owned).to_vec();
-        let per_node = Work::PerNode {
-            command: command.clone(),
-        };
-        for work in [per_node, Work::PerJob { command }] {
+        for drivers in [Drivers::PerNode, Drivers::PerJob] {
             let job = Job {
-                work,
+                command: ["bash", "-c", command].map(str::to_owned).to_vec(),
+                drivers,
                 ..simulations(1)
             };
             let script = write(&job, &taskfarm, &archer2).expect("a script");

@@ -1,5 +1,7 @@
 //! Problems of the input as text.
 
+use std::collections::BTreeMap;
+
 use cardiotwin_schemas::status::RefusedPatient;
 use cardiotwin_signals::Problem;
 
@@ -17,39 +19,38 @@ pub fn in_order(report: &Report) -> Vec<Finding> {
     findings
 }
 
-/// Patients with errors, each with all of them, in the order of the first error of each.
+/// Patients with errors, each with all of them.
 #[must_use]
 pub fn refused(report: &Report) -> Vec<RefusedPatient> {
-    let mut refused: Vec<RefusedPatient> = Vec::new();
+    let mut errors: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for Finding { patient, problem } in in_order(report) {
-        let Some(patient) = patient.filter(|_| problem.is_error()) else {
-            continue;
-        };
-        let known = refused.iter().position(|one| one.patient == patient);
-        let at = known.unwrap_or_else(|| {
-            refused.push(RefusedPatient {
-                patient,
-                errors: Vec::new(),
-            });
-            refused.len() - 1
-        });
-        let key = problem
-            .key
-            .as_deref()
-            .map_or_else(String::new, |key| format!(" {key}:"));
-        refused[at].errors.push(format!(
-            "{}:{key} found {}, expected {}",
-            problem.place(),
-            problem.found,
-            problem.expected
-        ));
+        if let Some(patient) = patient.filter(|_| problem.is_error()) {
+            let error = format!("{}, expected {}", found_at(&problem), problem.expected);
+            errors.entry(patient).or_default().push(error);
+        }
     }
+    let refused = errors.into_iter();
     refused
+        .map(|(patient, errors)| RefusedPatient { patient, errors })
+        .collect()
+}
+
+/// Place, key and description of a problem.
+fn found_at(problem: &Problem) -> String {
+    let key = problem
+        .key
+        .as_deref()
+        .map(|key| format!(" {key}:"))
+        .unwrap_or_default();
+    format!("{}:{key} found {}", problem.place(), problem.found)
 }
 
 /// Prints all problems on stderr, or only the errors if the program is quiet.
 pub fn say(report: &Report, talk: &Talk) {
-    eprint!("{}", text(report, talk.colour_err, !talk.quiet));
+    let text = text(report, talk.colour_err, !talk.quiet);
+    if !text.is_empty() {
+        talk.insist(text.trim_end());
+    }
 }
 
 /// Text with three lines per problem: its place and description, the expectation, and the remedy.
@@ -66,16 +67,10 @@ pub fn text(report: &Report, colour: bool, with_warnings: bool) -> String {
         } else {
             (Tone::Doubtful, "warning")
         };
-        let key = problem
-            .key
-            .as_deref()
-            .map(|key| format!(" {key}:"))
-            .unwrap_or_default();
         text.push_str(&format!(
-            "{}: {}:{key} found {}\n  expected: {}\n  remedy:   {}\n",
+            "{}: {}\n  expected: {}\n  remedy:   {}\n",
             paint(colour, tone, word),
-            problem.place(),
-            problem.found,
+            found_at(&problem),
             problem.expected,
             problem.remedy
         ));

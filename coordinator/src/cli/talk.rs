@@ -121,9 +121,14 @@ impl Talk {
     /// Prints a message on stderr, unless the program is quiet.
     pub fn say(&self, text: &str) {
         if !self.quiet {
-            // A closed stderr is ignored because nobody can read the message.
-            let _ = writeln!(std::io::stderr().lock(), "{text}");
+            self.insist(text);
         }
+    }
+
+    /// Prints a message on stderr, even if the program is quiet.
+    pub fn insist(&self, text: &str) {
+        // A closed stderr is ignored because nobody can read the message.
+        let _ = writeln!(std::io::stderr().lock(), "{text}");
     }
 
     /// Prints an error with the chain of its causes in one line, even if the program is quiet.
@@ -139,11 +144,10 @@ impl Talk {
             }
             cause = inner.source();
         }
-        let _ = writeln!(
-            std::io::stderr().lock(),
+        self.insist(&format!(
             "{}: {text}",
             paint(self.colour_err, Tone::Bad, "error")
-        );
+        ));
     }
 
     /// Prints a hint about the next command.

@@ -30,7 +30,7 @@ pub struct Place {
 /// Family of launchers with the same options.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Family {
-    /// Slurm's srun.
+    /// The launcher of Slurm's steps, srun.
     Srun,
     /// mpirun and mpiexec of Open MPI.
     OpenMpi,

@@ -94,7 +94,8 @@ impl Local {
         Self { launcher, ..self }
     }
 
-    /// Starts every attempt with the launcher, in one of these places of a job.
+    /// Starts every attempt with the launcher, in one of these places of a job, whose number then
+    /// limits the attempts at once.
     #[must_use]
     pub fn with_places(self, places: Option<Places>) -> Self {
         Self { places, ..self }
@@ -409,10 +410,10 @@ impl Executor for Local {
     }
 
     fn free(&self) -> usize {
-        let room = self.at_once.saturating_sub(self.running.len());
-        self.places
-            .as_ref()
-            .map_or(room, |places| room.min(places.n_free()))
+        match &self.places {
+            Some(places) => places.n_free(),
+            None => self.at_once.saturating_sub(self.running.len()),
+        }
     }
 
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {

@@ -177,7 +177,6 @@ fn refused_row(refused: &RefusedPatient) -> Vec<(String, Option<Tone>)> {
         n => format!("; {} more", n - 1),
     };
     let first = refused.errors.first().map_or("", String::as_str);
-    let note: String = first.chars().take(LONGEST_NOTE).collect();
     vec![
         (refused.patient.clone(), None),
         ("input".to_owned(), None),
@@ -185,7 +184,7 @@ fn refused_row(refused: &RefusedPatient) -> Vec<(String, Option<Tone>)> {
         ("-".to_owned(), None),
         ("-".to_owned(), None),
         ("-".to_owned(), None),
-        (format!("[input] {note}{more}"), None),
+        (format!("[input] {}{more}", shortened(first)), None),
     ]
 }
 

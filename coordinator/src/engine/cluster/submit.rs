@@ -7,7 +7,7 @@ use cardiotwin_slurm::answers::Exit;
 use cardiotwin_slurm::answers::submit::{self, RefusalKind, Submission as Answer};
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::job::{JobId, JobName};
-use cardiotwin_slurm::script::{self, Array, Job, Work};
+use cardiotwin_slurm::script::{self, Array, Drivers, Job};
 use cardiotwin_slurm::site::Site;
 
 use super::{Cluster, Expectations};
@@ -330,7 +330,6 @@ pub fn script_of(
             found: spec.queue.clone(),
             why: "the site's profile has no such queue",
         })?;
-    let command = vec![text(program), "drive".to_owned(), text(folder.path())];
     let job = Job {
         name: JobName::new(name).map_err(refused)?,
         account: settings.slurm.account.clone(),
@@ -345,9 +344,10 @@ pub fn script_of(
             n: u32::try_from(spec.elements.len()).unwrap_or(u32::MAX),
             at_once: spec.at_once,
         }),
-        work: match spec.steps {
-            Some(_) => Work::PerJob { command },
-            None => Work::PerNode { command },
+        command: vec![text(program), "drive".to_owned(), text(folder.path())],
+        drivers: match spec.steps {
+            Some(_) => Drivers::PerJob,
+            None => Drivers::PerNode,
         },
     };
     script::write(&job, queue, site)

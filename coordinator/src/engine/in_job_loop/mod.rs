@@ -163,8 +163,7 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
             let memory = Some(steps.memory_mib);
             Places::on(&place.hosts, steps.nodes as usize, lanes, memory)
         });
-        let at_once = places.as_ref().map_or(lanes, Places::n_free);
-        Local::new(order.worker.clone(), at_once)
+        Local::new(order.worker.clone(), lanes)
             .with_grace(GRACE)
             .with_launcher(launcher)
             .with_places(places)
