@@ -1,5 +1,8 @@
 #!/usr/bin/env bash
 # `make test`: every check, one after the other; prints how long each part took and stops at the first that fails.
+# `make test-all` (CARDIOTWIN_TESTS=all) runs the long tests, too. CARDIOTWIN_TEST_SECONDS=N skips long tests that would
+# not end within N seconds of the beginning; CI runs those of Slurm with the time that is left.
+# What a test could not try here is listed in target/not-tested.jsonl; with CI=true it fails unless .ci/allowed-skips lists it.
 # Plain cargo, one profile (release): unoptimised kernels are hopeless in tests, and two profiles compile everything twice.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -15,6 +18,12 @@ results=()
 n_passed=0
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
+began=$(date +%s)
+
+target=${CARGO_TARGET_DIR:-target}
+mkdir -p "$target"
+export CARDIOTWIN_NOT_TESTED=$(cd "$target" && pwd)/not-tested.jsonl
+: >"$CARDIOTWIN_NOT_TESTED"
 
 summary() {
     local i total=0
@@ -52,11 +61,32 @@ part() { # name, command…
     results+=("passed$(sed -n 's/^not tested: \(.*\)/; not tested: \1/p' "$log" | sort -u | tr -d '\n')")
 }
 
-skipped() { # name, why
-    printf '\n=== %s: skipped, %s\n' "$1" "$2"
+skipped() { # name, what is needed (as in .ci/allowed-skips), why
+    printf '\n=== %s: skipped, %s\n' "$1" "$3"
     names+=("$1")
     seconds+=(0)
-    results+=("skipped: $2")
+    results+=("skipped: $3")
+    printf '{"test":"%s","needs":"%s","why":"%s"}\n' "$1" "$2" "$3" >>"$CARDIOTWIN_NOT_TESTED"
+    if [ "${CI:-}" = true ] && ! grep -q "^$2"$'\t'"." .ci/allowed-skips; then
+        results[-1]="FAILED: $2 is missing, and CI=true"
+        summary
+        printf '\n%s needs %s: install it, or list it with a reason in .ci/allowed-skips\n' "$1" "$2" >&2
+        exit 1
+    fi
+}
+
+long_part() { # expected seconds, name, command…
+    local expected=$1 elapsed=$(($(date +%s) - began))
+    shift
+    if [ "${CARDIOTWIN_TESTS:-}" = all ]; then
+        part "$@"
+    elif [ -z "${CARDIOTWIN_TEST_SECONDS:-}" ]; then
+        skipped "$1" time "long: \`make test-all\` runs it"
+    elif [ $((elapsed + expected)) -gt "$CARDIOTWIN_TEST_SECONDS" ]; then
+        skipped "$1" time "no time left: $expected s expected after $elapsed of $CARDIOTWIN_TEST_SECONDS s"
+    else
+        part "$@"
+    fi
 }
 
 # Test targets outside the units: those that the `tests` crate declares, and the `tests/` folders of the other crates.
@@ -77,42 +107,40 @@ part "set up what is missing" deploy/deps.sh test
 if $CARGO fmt --version >/dev/null 2>&1; then
     part "format" "$CARGO" fmt --all --check
 else
-    skipped "format" "rustfmt is not installed"
+    skipped "format" rustfmt "rustfmt is not installed"
 fi
 
-# The binaries come first: end-to-end and crash tests run them.
-part "build the binaries" "$CARGO" build --release --locked --workspace --bins
-part "build the tests" "$CARGO" test --release --locked --workspace --no-run
-
-part "unit tests, JSON Schemas are current" "$CARGO" test --release --locked --workspace --lib --bins -q -- --show-output
-part "documentation's examples" "$CARGO" test --release --locked --workspace --doc -q
-target_part() { part "tests: $1" "$CARGO" test --release --locked --workspace --test "$1" -q -- --show-output; }
-
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
-# The whole workspace is selected here too, so that no dependency is compiled twice.
 with_mpi=()
 if missing=$(deploy/mpi-found.sh); then
     with_mpi=(--features cardiotwin-dev/mpi)
-    part "tests: mpi" "$CARGO" test --release --locked --workspace "${with_mpi[@]}" --test mpi --test mpi_beat -q -- --show-output
-else
-    skipped "tests: mpi" "$missing"
 fi
-# After it: tests of e2e and slurm run that worker on ranks.
-for target in $(integration_targets | sort -u | grep -vxE "mpi|mpi_beat"); do
-    target_part "$target"
+# One selection of packages and features for every command, so that nothing is compiled twice.
+everything=(--release --locked --workspace "${with_mpi[@]}")
+
+part "build" "$CARGO" build "${everything[@]}" --lib --bins --tests
+part "unit tests, JSON Schemas are current" "$CARGO" test "${everything[@]}" --lib --bins -q -- --show-output
+part "documentation's examples" "$CARGO" test "${everything[@]}" --doc -q
+[ -n "${with_mpi[*]}" ] || skipped "tests: mpi" mpi "$missing"
+for name in $(integration_targets | sort -u); do
+    case $name in mpi | mpi_beat) [ -n "${with_mpi[*]}" ] || continue ;; esac
+    part "tests: $name" "$CARGO" test "${everything[@]}" --test "$name" -q -- --show-output
 done
 
 if $CARGO clippy --version >/dev/null 2>&1; then
-    part "clippy, warnings are errors" "$CARGO" clippy --release --locked --workspace "${with_mpi[@]}" --all-targets -- -D warnings
+    part "clippy, warnings are errors" "$CARGO" clippy "${everything[@]}" --all-targets -- -D warnings
 else
-    skipped "clippy" "clippy is not installed"
+    skipped "clippy" clippy "clippy is not installed"
 fi
 if command -v mdbook >/dev/null && command -v python3 >/dev/null; then
-    part "the book, its links" docs/book/build.sh "${CARGO_TARGET_DIR:-target}/book"
+    part "the book, its links" docs/book/build.sh "$target/book"
 else
-    skipped "the book, its links" "mdbook or python3 is not installed (Debian 13 has both)"
+    skipped "the book, its links" book "mdbook or python3 is not installed (Debian 13 has both)"
 fi
 part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace --no-deps --document-private-items
+
+# The second part: with the time that is left.
+long_part 1500 "long tests: slurm" "$CARGO" test "${everything[@]}" --test slurm -- --ignored
 
 summary
 printf '\nall parts passed; tests:\n%d passed, 0 failed\n' "$n_passed"

@@ -271,7 +271,7 @@ pub struct FiniteElementSettings {
     /// Elements of the wall.
     pub element: ElementKind,
     /// Ratio of a time step's residual to the scale of its forces at which the step has converged.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 0.1))]
+    #[schemars(extend("minimum" = 1e-12, "maximum" = 0.1))]
     pub tolerance: f64,
     /// Number of Newton iterations after which a step fails.
     #[schemars(range(min = 1, max = 1000))]

@@ -1,5 +1,9 @@
 //! Content hashes: SHA-256 over canonical JSON (object keys sorted) and over files.
 
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
 use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -8,6 +12,16 @@ use sha2::{Digest, Sha256};
 #[must_use]
 pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
+}
+
+/// SHA-256 of a file as 64 lower-case hexadecimal digits.
+///
+/// # Errors
+/// Any error of the file system.
+pub fn sha256_of_file(file: &Path) -> io::Result<String> {
+    let mut hash = Sha256::new();
+    io::copy(&mut File::open(file)?, &mut hash)?;
+    Ok(hex(&hash.finalize()))
 }
 
 /// Lower-case hexadecimal form, two digits per byte.

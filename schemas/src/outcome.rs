@@ -32,6 +32,9 @@ pub struct TaskOutcome {
     pub artefacts: Vec<Artefact>,
     /// Provenance of the outcome.
     pub provenance: Provenance,
+    /// SHA-256 of the file in which this value is 64 zeros. Absent in outcomes of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
 }
 
 /// `outcome.json` of an attempt that was revoked before its worker published. The coordinator

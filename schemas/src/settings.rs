@@ -107,11 +107,11 @@ pub struct SolverSettings {
     /// Organ that is simulated.
     pub fidelity: Fidelity,
     /// Largest time step.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 10.0))]
+    #[schemars(extend("minimum" = 0.001, "maximum" = 10.0))]
     pub time_step_ms: f64,
     /// Shortest time step. A step that fails is halved down to this length; if it still fails, the
     /// simulation has diverged.
-    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 10.0))]
+    #[schemars(extend("minimum" = 1e-6, "maximum" = 10.0))]
     pub shortest_step_ms: f64,
     /// Number of Newton iterations after which a step of the reduced ventricle fails.
     #[schemars(range(min = 1, max = 1000))]
@@ -427,9 +427,11 @@ pub struct ExecutorSettings {
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub vtu_every_ms: f64,
     /// Time without progress after which a running worker is considered hung and killed; 0 for no
-    /// limit.
+    /// limit. If absent, ten times the longest time between two of the worker's own reports and at
+    /// least ten minutes, or half an hour before its second report.
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e7))]
-    pub hang_timeout_s: f64,
+    pub hang_timeout_s: Option<f64>,
     /// Permission mask of new files of a run, octal. `0077` restricts them to their owner. If
     /// absent, the mask of the shell applies and others get no access.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -470,23 +472,30 @@ pub struct SlurmSettings {
     pub walltime: Option<String>,
     /// Time before the end of the walltime at which a job is warned, so that it can write a
     /// checkpoint.
+    #[schemars(range(max = 86_400))]
     pub warning_s: u64,
     /// Memory of each worker, if the queue allocates single cores.
     #[serde(rename = "memory_MiB")]
+    #[schemars(range(max = 100_000_000))]
     pub memory_mib: u64,
     /// Expected time of a simulated beat until some have been measured; 0 for an estimate from
     /// fidelity and mesh.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e7))]
     pub simulation_s: f64,
     /// Largest number of nodes of a job, if the queue allocates whole nodes; 0 for the limit of the
     /// queue.
+    #[schemars(range(max = 100_000))]
     pub bundle_nodes: u32,
     /// Shortest intended duration of a job, if there is enough work. Patients are combined in a job
     /// up to this duration.
+    #[schemars(range(max = 10_000_000))]
     pub job_s: u64,
     /// Time after which a job that cannot be found is given up, s.
+    #[schemars(range(max = 86_400))]
     pub grace_s: u64,
     /// Number of repeats of a patient that are not charged to it, after failed nodes, preemptions
     /// and walltimes in which it made progress.
+    #[schemars(range(max = 1000))]
     pub free_repeats: u32,
 }
 
@@ -525,7 +534,7 @@ impl Default for ExecutorSettings {
             instruction_set: InstructionSet::Auto,
             site_retries: 2,
             vtu_every_ms: 0.0,
-            hang_timeout_s: 0.0,
+            hang_timeout_s: None,
             umask: None,
             group: None,
             scratch: None,

@@ -5,7 +5,6 @@ use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
@@ -17,29 +16,15 @@ pub const DRIVER: &str = env!("CARGO_BIN_EXE_crash-driver");
 /// Time limit far beyond the needs of a slow machine, which only a fault exceeds.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Path of the worker's executable, built from the present source: one that an earlier build left
-/// beside the driver may be outdated.
+/// Path of the worker's executable, beside the driver.
 pub fn worker() -> String {
-    static WORKER: OnceLock<String> = OnceLock::new();
-    let build = || {
-        let path = Path::new(DRIVER).with_file_name("cardiotwin-worker");
-        let mut build = Command::new(env!("CARGO"));
-        // All binaries are built at once, as by `make`, with the same features, so that nothing is
-        // compiled twice.
-        build.args(["build", "--locked", "--workspace", "--bins"]);
-        if Path::new(DRIVER)
-            .parent()
-            .is_some_and(|folder| folder.ends_with("release"))
-        {
-            build.arg("--release");
-        }
-        assert!(
-            build.status().expect("cargo runs").success(),
-            "cardiotwin-worker cannot be built"
-        );
-        path.to_string_lossy().into_owned()
-    };
-    WORKER.get_or_init(build).clone()
+    let path = Path::new(DRIVER).with_file_name("cardiotwin-worker");
+    assert!(
+        path.is_file(),
+        "{} is not there: `cargo build --release --workspace --bins` first",
+        path.display()
+    );
+    path.to_string_lossy().into_owned()
 }
 
 /// A run directory with the options of its runs.

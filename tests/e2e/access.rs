@@ -71,6 +71,30 @@ fn a_run_belongs_to_the_group_that_is_named() {
     }
 }
 
+/// Copies and pages are no more open than the run, whatever the caller's own mask.
+#[test]
+fn copies_of_a_closed_run_are_closed() {
+    let cohort = Cohort::quick_of("01-CoA");
+    cohort
+        .call(&["run", "--no-report", "--set", "executor.umask=\"077\""])
+        .expect(0);
+    let at = |name: &str| cohort.path().join(name);
+    let (copy, table) = (at("copy.db"), at("table"));
+    let names = [&copy, &table].map(|path| path.to_string_lossy().into_owned());
+    cohort.call(&["backup", "--to", &names[0]]).expect(0);
+    cohort.call(&["export", "--out", &names[1]]).expect(0);
+    cohort.call(&["report"]).expect(0);
+    let files = [&copy, &table, &cohort.run_dir()]
+        .map(|at| all_below(at))
+        .concat();
+    let has = |name: &str| files.iter().any(|path| path.ends_with(name));
+    assert!(has("copy.db") && has("report.html"), "{files:?}");
+    for path in files {
+        let mode = fs::symlink_metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0, "{} is open ({mode:o})", path.display());
+    }
+}
+
 #[test]
 fn a_group_that_is_not_there_is_refused_before_anything_runs() {
     let cohort = Cohort::quick_of("01-CoA");

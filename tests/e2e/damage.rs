@@ -214,14 +214,12 @@ impl Tmpfs {
         match output {
             Ok(output) if output.status.success() => Some(Self { folder }),
             Ok(output) => {
-                eprintln!(
-                    "not tested: cannot mount a tmpfs: {}",
-                    String::from_utf8_lossy(&output.stderr).trim()
-                );
+                let why = String::from_utf8_lossy(&output.stderr);
+                cardiotwin_not_tested::not_tested("own-mounts", why.trim());
                 None
             }
             Err(error) => {
-                eprintln!("not tested: cannot call mount: {error}");
+                cardiotwin_not_tested::not_tested("own-mounts", error);
                 None
             }
         }

@@ -134,8 +134,9 @@ fn python() -> Option<PathBuf> {
     match ready() {
         Ok(said) if said.status.success() => Some(python),
         _ => {
-            eprintln!(
-                "not tested: no Python with rocrate and roc-validator can be had here (python3-venv, network)"
+            cardiotwin_not_tested::not_tested(
+                "python-packages",
+                "rocrate and roc-validator (python3-venv, network)",
             );
             None
         }

@@ -14,7 +14,10 @@ fn cohort(patient: &str, more: &str) -> Option<Cohort> {
         .output()
         .is_ok_and(|said| said.status.success())
     {
-        eprintln!("not tested: no python3 here to run an external solver");
+        cardiotwin_not_tested::not_tested(
+            "python3",
+            "no python3 in PATH to run an external solver",
+        );
         return None;
     }
     let cohort = Cohort::quick_of(patient);

@@ -46,9 +46,9 @@ fn a_beat_in_3d_runs_on_the_ranks_of_a_launcher() {
         .output()
         .is_ok();
     if !worker.is_file() || !is_there {
-        eprintln!(
-            "not tested: {} or {launcher} is not there",
-            worker.display()
+        cardiotwin_not_tested::not_tested(
+            "mpi",
+            format!("{} or {launcher} is not there", worker.display()),
         );
         return;
     }

@@ -250,7 +250,7 @@ fn mmg3d() -> Option<PathBuf> {
     if ready() {
         return Some(program);
     }
-    eprintln!("not tested: mmg3d cannot be had here (python3-venv, network)");
+    cardiotwin_not_tested::not_tested("python-packages", "mmg3d (python3-venv, network)");
     None
 }
 

@@ -80,3 +80,49 @@ fn an_error_of_the_cohort_refuses_all() {
     said.complains_of(&["cohort.toml:2"]);
     assert!(!cohort.run_dir().join("cardiotwin.db").exists());
 }
+
+/// A device never ends, a pipe keeps its reader waiting, and a sparse file fills the memory.
+#[test]
+fn files_that_cannot_be_read_whole_are_refused() {
+    let cohort = Cohort::quick();
+    let file = cohort.path().join(FILE);
+    std::fs::remove_file(&file).unwrap();
+    let check = |expected: &[&str]| {
+        cohort.call(&["check"]).expect(1).complains_of(expected);
+        std::fs::remove_file(&file).unwrap();
+    };
+    std::os::unix::fs::symlink("/dev/zero", &file).unwrap();
+    check(&["patient.toml", "a device, expected a regular file"]);
+    let made = std::process::Command::new("mkfifo").arg(&file).status();
+    assert!(made.is_ok_and(|status| status.success()));
+    check(&["patient.toml", "a pipe, expected a regular file"]);
+    let sparse = std::fs::File::create(&file).unwrap();
+    sparse.set_len(10 << 30).unwrap();
+    check(&["patient.toml", "10.0 GiB, expected at most 16 MiB"]);
+
+    std::fs::write(&file, "name = \"\u{1b}]0;owned\u{7}\"\n\u{1b}[2J = 1\n").unwrap();
+    let said = cohort.call(&["check"]).expect(1);
+    assert!(!said.err.contains('\u{1b}'), "{:?}", said.err);
+    said.complains_of(&["\\u001b"]);
+}
+
+/// A folder that vanished is said, its results stay, and it goes on when it comes back.
+#[test]
+fn a_patient_whose_folder_vanished_is_told() {
+    let cohort = Cohort::quick();
+    cohort.call(&["run", "--no-report", "-q"]).expect(0);
+    let done = published(&cohort.patient("02-CoA"));
+    let (folder, aside) = (
+        cohort.path().join("patients/02-CoA"),
+        cohort.path().join("aside"),
+    );
+    std::fs::rename(&folder, &aside).unwrap();
+    let said = cohort.call(&["run", "--no-report"]).expect(0);
+    said.complains_of(&["no folder any more: 02-CoA"]);
+    let quiet = cohort.call(&["run", "--no-report"]).expect(0);
+    assert!(!quiet.err.contains("no folder"), "{}", quiet.err);
+    std::fs::rename(&aside, &folder).unwrap();
+    let back = cohort.call(&["run", "--no-report"]).expect(0);
+    assert!(back.out.contains("0 tasks published"), "{}", back.out);
+    assert_eq!(published(&cohort.patient("02-CoA")), done);
+}

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin::report::write_report;
+use cardiotwin::report::{Pages, write_report};
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::organ::{EffectSpec, OrganSpec};
@@ -141,7 +141,7 @@ fn run(root: &Path) -> RunRecord {
 fn written() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
-    write_report(&run(folder.path()), None, &out).unwrap();
+    write_report(&run(folder.path()), None, Pages::All, &out).unwrap();
     (folder, out)
 }
 
@@ -190,7 +190,7 @@ fn a_damaged_picture_is_a_sentence_and_a_reduced_patient_has_none_of_it() {
     let beat = run.patients[0].iterations[best - 1].run.as_ref().unwrap();
     let file = beat.artefact("heart").unwrap();
     std::fs::write(&file, HEART.replacen("\"surface\"", "\"part\"", 1)).unwrap();
-    write_report(&run, None, &out).unwrap();
+    write_report(&run, None, Pages::All, &out).unwrap();
     let page = html(&out);
     assert!(!page.contains("<svg class=\"heart\""));
     assert!(
@@ -202,7 +202,7 @@ fn a_damaged_picture_is_a_sentence_and_a_reduced_patient_has_none_of_it() {
     );
 
     run = fixture::cohort(folder.path());
-    write_report(&run, None, &out).unwrap();
+    write_report(&run, None, Pages::All, &out).unwrap();
     assert!(!html(&out).contains("3D ventricle") && !html(&out).contains("svg.heart"));
 }
 

@@ -10,7 +10,7 @@ mod traces;
 use std::path::{Path, PathBuf};
 
 use browser::Browser;
-use cardiotwin::report::{ONE_FILE, write_report};
+use cardiotwin::report::{ONE_FILE, Pages, write_report};
 use regex::Regex;
 use serde_json::Value;
 
@@ -55,7 +55,7 @@ fn words(html: &str) -> String {
 fn seven() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
-    write_report(&fixture::cohort(folder.path()), None, &out).unwrap();
+    write_report(&fixture::cohort(folder.path()), None, Pages::All, &out).unwrap();
     (folder, out)
 }
 
@@ -157,7 +157,7 @@ fn the_papers_patients_have_the_papers_mean_errors() {
 fn patients_in_trouble_say_what_is_missing_and_why() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
-    write_report(&fixture::troubled(folder.path()), None, &out).unwrap();
+    write_report(&fixture::troubled(folder.path()), None, Pages::All, &out).unwrap();
     let page = html(&out);
     assert_self_contained(&page);
     assert!(page.contains("troubled &lt;&amp;&gt; &quot;quoted&quot;"));
@@ -186,8 +186,45 @@ fn an_empty_run_is_a_page_too() {
     let mut run = fixture::troubled(folder.path());
     run.patients.clear();
     let out = folder.path().join("report.html");
-    write_report(&run, None, &out).unwrap();
+    write_report(&run, None, Pages::All, &out).unwrap();
     assert!(words(&html(&out)).contains("This run has no patients."));
+}
+
+/// A run with nothing to do makes only pages whose patients, or whose neighbours' states, changed.
+#[test]
+fn pages_are_made_only_where_something_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report.html");
+    let mut run = fixture::many(folder.path(), ONE_FILE + 50);
+    let paths = write_report(&run, None, Pages::Changed, &out).unwrap();
+    let mark = |path: &std::path::PathBuf| {
+        let text = std::fs::read_to_string(path).unwrap();
+        std::fs::write(path, format!("{text}<!-- kept -->")).unwrap();
+    };
+    let n_kept = || {
+        let is_kept = |path: &&std::path::PathBuf| {
+            std::fs::read_to_string(path)
+                .unwrap()
+                .ends_with("<!-- kept -->")
+        };
+        paths.patients.iter().filter(is_kept).count()
+    };
+    paths.patients.iter().for_each(mark);
+    for patient in &mut run.patients {
+        patient.status.for_s += 60.0; // The time since then is no result.
+    }
+    write_report(&run, None, Pages::Changed, &out).unwrap();
+    assert_eq!(n_kept(), run.patients.len());
+    run.patients[20].status.note.push_str("changed");
+    write_report(&run, None, Pages::Changed, &out).unwrap();
+    assert!(
+        !std::fs::read_to_string(&paths.patients[20])
+            .unwrap()
+            .ends_with("<!-- kept -->")
+    );
+    assert!(n_kept() >= run.patients.len() - 25, "{}", n_kept());
+    write_report(&run, None, Pages::All, &out).unwrap();
+    assert_eq!(n_kept(), 0);
 }
 
 #[test]
@@ -195,7 +232,7 @@ fn beyond_fifty_patients_each_has_a_page_and_the_index_leads_there() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
     let run = fixture::many(folder.path(), ONE_FILE + 1);
-    let paths = write_report(&run, None, &out).unwrap();
+    let paths = write_report(&run, None, Pages::All, &out).unwrap();
     assert_eq!(
         (paths.main.as_path(), paths.patients.len()),
         (out.as_path(), ONE_FILE + 1)

@@ -29,9 +29,9 @@ use cluster::Cluster;
 static N_NOT_TESTED: AtomicUsize = AtomicUsize::new(0);
 
 /// Tells why a test cannot be run here, and counts it.
-fn not_tested(why: &str) {
+fn not_tested(needs: &str, why: &str) {
     N_NOT_TESTED.fetch_add(1, Ordering::Relaxed);
-    eprintln!("not tested: {why}");
+    cardiotwin_not_tested::not_tested(needs, why);
 }
 
 /// Name and function of a test.
@@ -190,7 +190,7 @@ fn main() -> ExitCode {
     let cluster = match Cluster::get() {
         Ok(cluster) => cluster,
         Err(why) => {
-            eprintln!("not tested: no Slurm can be had here: {why}");
+            cardiotwin_not_tested::not_tested("slurm", why);
             println!("test result: ok. 0 passed; {} without a Slurm", tests.len());
             return ExitCode::SUCCESS;
         }

@@ -108,7 +108,7 @@ fn ranks(cohort: &Cohort) -> Vec<Option<u64>> {
 /// two simulations side by side on each node, each a step on one node.
 pub fn four_patients_share_two_nodes_of_archer2(cluster: &Cluster) {
     if let Some(why) = hindrance(cluster) {
-        crate::not_tested(&why);
+        crate::not_tested("mpi", &why);
         return;
     }
     for (launcher, lines) in [("srun", ""), ("mpirun", OPEN_MPI_AS_ROOT)] {
@@ -149,7 +149,7 @@ pub fn four_patients_share_two_nodes_of_archer2(cluster: &Cluster) {
 /// from which another job goes on, with other ranks on other nodes.
 pub fn one_simulation_spans_nodes(cluster: &Cluster) {
     if let Some(why) = hindrance(cluster) {
-        crate::not_tested(&why);
+        crate::not_tested("mpi", &why);
         return;
     }
     let cohort = in_3d(cluster, &["06-CoA"], "srun", 4, 1)

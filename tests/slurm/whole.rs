@@ -21,7 +21,7 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
         cohort.folder.path().join("hook"),
         cohort.folder.path().join("heard"),
     );
-    fs::write(&hook, format!("#!/bin/sh\ncat >> '{}'\n", heard.display())).expect("a hook");
+    fs::write(&hook, "#!/bin/sh\ncat >> \"$(dirname \"$0\")/heard\"\n").expect("a hook");
     fs::set_permissions(&hook, fs::Permissions::from_mode(0o755)).expect("it is ours");
     let first = cohort.advance();
     assert_eq!(first.code, 8, "{first:?}");
@@ -224,7 +224,7 @@ pub fn a_cohort_on_another_solver_survives_a_killed_worker(cluster: &Cluster) {
         .output()
         .is_ok_and(|said| said.status.success())
     {
-        crate::not_tested("no python3 here to run an external solver");
+        crate::not_tested("python3", "no python3 in PATH to run an external solver");
         return;
     }
     let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA"], QUICK);

@@ -4,6 +4,7 @@
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 
+use cardiotwin_input_files::MaxBytes;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::{Quantity, Trace, parse_trace};
@@ -17,7 +18,8 @@ use crate::error::TaskError;
 /// [`TaskError::InputMissing`] when the file cannot be read, [`TaskError::InputChanged`] when its
 /// hash differs.
 pub fn read_verified(input: &InputFile) -> Result<Vec<u8>, TaskError> {
-    let bytes = std::fs::read(&input.path).map_err(|source| missing(input, source))?;
+    let bytes = cardiotwin_input_files::read(&input.path, MaxBytes::MESH)
+        .map_err(|source| missing(input, source))?;
     compare(input, sha256_hex(&bytes))?;
     Ok(bytes)
 }
@@ -38,6 +40,7 @@ impl<'a> Verifying<'a> {
     /// [`TaskError::InputMissing`] when the file cannot be opened.
     pub fn open(input: &'a InputFile) -> Result<BufReader<Self>, TaskError> {
         let missing = |source| missing(input, source);
+        cardiotwin_input_files::check(&input.path, MaxBytes::MESH).map_err(missing)?;
         let file = File::open(&input.path).map_err(missing)?;
         Ok(BufReader::with_capacity(
             1 << 20,

@@ -105,6 +105,7 @@ fn outcome(
         ending,
         artefacts: context.artefacts.take(),
         provenance,
+        sha256: None,
     }
 }
 

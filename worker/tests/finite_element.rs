@@ -185,7 +185,7 @@ fn a_series_is_whole(whole: &Path, resumed: &Path, figures: &VentricleFigures) {
     let python = match vtk_reader::python() {
         Ok(python) => python,
         Err(why) => {
-            eprintln!("not tested: no VTK reader from PyPI: {why}");
+            cardiotwin_not_tested::not_tested("python-packages", format!("meshio: {why}"));
             return;
         }
     };

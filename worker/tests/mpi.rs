@@ -589,7 +589,7 @@ fn ranks_start_in_a_slurm_allocation() {
     let slurm = match Slurm::start() {
         Ok(slurm) => slurm,
         Err(why) => {
-            eprintln!("not tested: no Slurm can be had here: {why}");
+            cardiotwin_not_tested::not_tested("slurm", why);
             return;
         }
     };

@@ -47,10 +47,11 @@ impl Command {
     }
 }
 
-/// Command that submits a script and prints only the number of the job.
+/// Command that submits a script and prints only the number of the job, which runs in `folder`.
 #[must_use]
-pub fn submit(script: &str) -> Command {
-    Command::new("sbatch", ["--parsable", script])
+pub fn submit(folder: &str, script: &str) -> Command {
+    let folder = format!("--chdir={folder}");
+    Command::new("sbatch", ["--parsable", &folder, script])
 }
 
 /// Asks whether a script would be accepted, without submitting it.

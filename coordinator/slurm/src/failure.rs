@@ -1,7 +1,7 @@
 //! Classes of failures of a job, and their consequences.
 //!
 //! Repeats are charged to one of two budgets: `infrastructure` for failures of the site's making,
-//! and `free` for failed nodes, preemptions and used walltimes with progress. The second one is a
+//! and `free` for failed nodes and daemons, preemptions and used walltimes with progress. The second one is a
 //! generous bound that keeps a broken partition from being fed for ever.
 
 use cardiotwin_vocabulary::failure_cause::FailureCause;
@@ -35,8 +35,10 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<FailureCause> {
             FailureCause::OutOfMemory
         } else if panicked {
             FailureCause::Defect
+        } else if lost_a_node(evidence) {
+            FailureCause::NodeFailure
         } else {
-            FailureCause::Unexplained
+            FailureCause::Lost
         });
     };
     Some(match ended.state {
@@ -54,7 +56,7 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<FailureCause> {
         }
         SlurmState::Cancelled => match by_whom(ended, evidence.traces) {
             Canceller::Person => FailureCause::Cancelled,
-            Canceller::Slurm | Canceller::Unclear => FailureCause::Unexplained,
+            Canceller::Slurm | Canceller::Unclear => FailureCause::Lost,
         },
         _ if out_of_memory
             || ended.reason == "OutOfMemory"
@@ -63,6 +65,7 @@ pub fn classify(evidence: &Evidence<'_>) -> Option<FailureCause> {
             FailureCause::OutOfMemory
         }
         _ if panicked => FailureCause::Defect,
+        _ if lost_a_node(evidence) => FailureCause::NodeFailure,
         SlurmState::Failed if ended.reason == "BadConstraints" => FailureCause::Refused,
         // A script that exits from its own handler of the warning is FAILED or COMPLETED, not
         // TIMEOUT.
@@ -101,12 +104,27 @@ const OUT_OF_MEMORY: &[&str] = &[
     "Out of memory",
 ];
 
+/// Whether a step says that one of its nodes, or the daemon of a node, failed.
+fn lost_a_node(evidence: &Evidence<'_>) -> bool {
+    NODE_FAILURE
+        .iter()
+        .any(|words| evidence.log_tail.contains(words))
+}
+
+/// Messages of srun and slurmstepd about a node that does not answer any more.
+const NODE_FAILURE: &[&str] = &[
+    "Node failure on",
+    "DUE TO NODE FAILURE",
+    "Aborting, io error and missing step",
+];
+
 /// Number of repeats that are allowed, by kind of reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budgets {
     /// Repeats charged to the site: memory, unexplained ends, and used walltimes without progress.
     pub infrastructure: u32,
-    /// Repeats that are free: failed nodes, preemptions, and used walltimes with progress.
+    /// Repeats that are free: failed nodes and daemons, preemptions, and used walltimes with
+    /// progress.
     pub free: u32,
 }
 
@@ -237,6 +255,12 @@ pub fn next(
         FailureCause::Cancelled => stays("cancelled by a person: not repeated until requested"),
         FailureCause::Refused => stays("the data or settings are wrong: correct them"),
         FailureCause::Defect => stays("a defect of the program: see its log, and report it"),
+        FailureCause::Lost => again(
+            true,
+            given.clone(),
+            free,
+            "Slurm itself ended or lost it".to_owned(),
+        ),
         FailureCause::Unexplained => again(
             true,
             given.clone(),
@@ -363,6 +387,7 @@ mod tests {
             FailureCause::Cancelled,
             FailureCause::Refused,
             FailureCause::Defect,
+            FailureCause::Lost,
             FailureCause::Unexplained,
         ] {
             table += &format!(

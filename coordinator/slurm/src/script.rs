@@ -252,7 +252,10 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     option("--open-mode=append".to_owned());
     option("--export=NONE".to_owned());
     option(format!("--signal=B:USR1@{}", job.warning_s));
-    option(format!("--chdir={}", directive("folder", &job.folder)?));
+    // sbatch is told the folder on its command line, too, where any name can stand.
+    if let Ok(folder) = directive("folder", &job.folder) {
+        option(format!("--chdir={folder}"));
+    }
     option(format!(
         "--output={}",
         if job.array.is_some() {
@@ -461,9 +464,15 @@ mod tests {
             ScriptError::Limit { .. }
         ));
         assert!(matches!(
-            refused(|job| job.folder = "/data/my run".to_owned()),
+            refused(|job| job.folder = "/data/my\nrun".to_owned()),
             ScriptError::Text { .. }
         ));
+        let odd = Job {
+            folder: "/data/it's 50 % \"run\"".to_owned(),
+            ..simulations(8)
+        };
+        let script = write(&odd, taskfarm, &archer2).expect("a script");
+        assert!(!script.contains("--chdir") && !script.contains("50 %"));
         assert!(matches!(
             refused(|job| job.account = Some("t01\n#SBATCH -N 99".to_owned())),
             ScriptError::Text { .. }

@@ -62,6 +62,11 @@ pub fn log(event: &EngineEvent) {
             }
             PatientEnding::Cancelled => info!(%patient, over, of, "patient cancelled"),
         },
+        EngineEvent::Vanished { patients } => {
+            for patient in patients {
+                warn!(%patient, "patient vanished from the cohort");
+            }
+        }
         EngineEvent::Request { text } => info!(text, "request applied"),
         EngineEvent::Stopping { running, draining } => info!(running, draining, "stopping"),
     }

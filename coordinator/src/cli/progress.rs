@@ -7,7 +7,7 @@ use cardiotwin_schemas::ids::PatientId;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use super::event_log;
-use super::talk::{Talk, Tone, paint};
+use super::talk::{Talk, Tone, harmless, paint};
 use crate::engine::{EngineEvent, PatientEnding};
 
 /// Display of engine events.
@@ -106,7 +106,7 @@ impl Bars {
                 let bar = self.patient(patient);
                 bar.set_length(total.unwrap_or(0.0) as u64);
                 bar.set_position(*done as u64);
-                bar.set_message(format!("{step}  {note}"));
+                bar.set_message(harmless(&format!("{step}  {note}")).into_owned());
             }
             EngineEvent::PatientEnded {
                 patient, over, of, ..
@@ -202,6 +202,7 @@ pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> 
             };
             format!("{patient}  {ending}  ({over} of {of})")
         }
+        EngineEvent::Vanished { patients } => vanished(patients),
         EngineEvent::Request { text } => text.clone(),
         EngineEvent::Stopping {
             running,
@@ -221,6 +222,25 @@ pub fn line(event: &EngineEvent, members: &str, colour: bool) -> Option<String> 
         }
         EngineEvent::TaskStarted { .. } | EngineEvent::Progress { .. } => return None,
     })
+}
+
+/// Sentence about patients whose folders vanished, with the first few names.
+fn vanished(patients: &[PatientId]) -> String {
+    const N_NAMED: usize = 5;
+    let named: Vec<&str> = patients
+        .iter()
+        .take(N_NAMED)
+        .map(PatientId::as_str)
+        .collect();
+    let more = match patients.len().saturating_sub(N_NAMED) {
+        0 => String::new(),
+        n => format!(" and {n} more"),
+    };
+    format!(
+        "no folder any more: {}{more}; their results are kept, and nothing further is run for them \
+         (a folder that comes back goes on)",
+        named.join(", ")
+    )
 }
 
 /// A step such as `step-1 iteration 3` with a double space in the place of the first one, which

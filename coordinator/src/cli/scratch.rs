@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::io;
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, symlink};
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::hash::sha256_hex;
@@ -19,10 +19,11 @@ use crate::engine::ATTEMPTS;
 /// The attempts lie elsewhere already, or a folder cannot be made.
 pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliError> {
     let link = run_dir.join(ATTEMPTS);
+    let is_shared = settings.group.is_some();
     let Some(scratch) = &settings.scratch else {
         // An existing link stays although the setting is gone. Its target may have been purged.
         return match fs::read_link(&link) {
-            Ok(target) => fs::create_dir_all(&target).map_err(CliError::file("create", &target)),
+            Ok(target) => make(&target, is_shared),
             Err(_) => Ok(()),
         };
     };
@@ -49,19 +50,55 @@ pub fn lay_out(settings: &ExecutorSettings, run_dir: &Path) -> Result<(), CliErr
             if leads_to != target {
                 return Err(elsewhere(&leads_to));
             }
-            return fs::create_dir_all(&target).map_err(CliError::file("create", &target));
+            return make(&target, is_shared);
         }
         // An empty folder can be replaced by the link.
         Ok(_) => fs::remove_dir(&link).map_err(|_| elsewhere(&link))?,
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         Err(error) => return Err(CliError::file("read", &link)(error)),
     }
-    fs::create_dir_all(&target).map_err(CliError::file("create", &target))?;
+    make(&target, is_shared)?;
     match symlink(&target, &link) {
         // Another command made the link at the same moment.
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => lay_out(settings, run_dir),
         made => made.map_err(CliError::file("create the link", &link)),
     }
+}
+
+/// Makes the folder of the attempts below the run's own folder on the scratch file system, whose
+/// name others can guess. The run's folder is closed to all others unless a group shares the run,
+/// and belongs to this user.
+fn make(target: &Path, is_shared: bool) -> Result<(), CliError> {
+    let own = target.parent().unwrap_or(target);
+    let scratch = own.parent().unwrap_or(own);
+    fs::create_dir_all(scratch).map_err(CliError::file("create", scratch))?;
+    let mode = if is_shared { 0o770 } else { 0o700 };
+    match fs::DirBuilder::new().mode(mode).create(own) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => check(own)?,
+        made => made.map_err(CliError::file("create", own))?,
+    }
+    match fs::DirBuilder::new().mode(mode).create(target) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => check(target),
+        made => made.map_err(CliError::file("create", target)),
+    }
+}
+
+/// Refuses a folder that somebody else made, or a link in its place.
+fn check(folder: &Path) -> Result<(), CliError> {
+    let found = fs::symlink_metadata(folder).map_err(CliError::file("read", folder))?;
+    let me = rustix::process::geteuid().as_raw();
+    let at = folder.display();
+    let found = if !found.is_dir() {
+        "is no folder".to_owned()
+    } else if found.uid() != me {
+        format!("belongs to user {}", found.uid())
+    } else {
+        return Ok(());
+    };
+    Err(CliError::Usage(format!(
+        "{at} {found}, expected a folder of your own (user {me}) for the attempts of this run: \
+         remove it, or set executor.scratch to another place"
+    )))
 }
 
 /// Folder for this run alone, named after the cohort's folder and a hash of the run's path.
@@ -87,6 +124,32 @@ mod tests {
         ExecutorSettings {
             scratch: Some(scratch.to_owned()),
             ..ExecutorSettings::default()
+        }
+    }
+
+    #[test]
+    fn the_folder_is_ones_own_and_closed_to_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let (run, scratch) = (folder.path().join("c/run"), folder.path().join("scratch"));
+        lay_out(&settings(&scratch), &run).unwrap();
+        let target = fs::read_link(run.join(ATTEMPTS)).unwrap();
+        let own = target.parent().unwrap();
+        for made in [&target, own] {
+            assert_eq!(fs::metadata(made).unwrap().mode() & 0o777, 0o700);
+        }
+        fs::remove_dir_all(own).unwrap();
+        let elsewhere = folder.path().join("elsewhere");
+        fs::create_dir(&elsewhere).unwrap();
+        symlink(&elsewhere, own).unwrap();
+        let error = lay_out(&settings(&scratch), &run).unwrap_err().to_string();
+        assert!(error.contains("is no folder"), "{error}");
+        assert!(fs::read_dir(&elsewhere).unwrap().next().is_none());
+        if rustix::process::geteuid().is_root() {
+            fs::remove_file(own).unwrap();
+            fs::create_dir(own).unwrap();
+            std::os::unix::fs::chown(own, Some(65534), None).unwrap();
+            let error = lay_out(&settings(&scratch), &run).unwrap_err().to_string();
+            assert!(error.contains("belongs to user 65534"), "{error}");
         }
     }
 

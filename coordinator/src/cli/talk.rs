@@ -1,6 +1,7 @@
 //! Output of the program: data go to stdout, messages to stderr. Colour never adds information to
-//! the words.
+//! the words. Control characters of input files, logs and worker messages never reach a terminal.
 
+use std::borrow::Cow;
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -34,6 +35,8 @@ pub enum Tone {
 }
 
 impl Tone {
+    const ALL: [Self; 4] = [Self::Bad, Self::Doubtful, Self::Good, Self::Quiet];
+
     fn ansi(self) -> &'static str {
         match self {
             Self::Bad => "\x1b[31m",
@@ -43,6 +46,9 @@ impl Tone {
         }
     }
 }
+
+/// Sequence that ends a colour.
+const PLAIN: &str = "\x1b[0m";
 
 /// Set once the reader of stdout has closed the pipe.
 static READER_LEFT: AtomicBool = AtomicBool::new(false);
@@ -80,13 +86,31 @@ impl Talk {
         }
     }
 
-    /// Writes data to stdout unchanged.
+    /// Writes data to stdout: unchanged to a file or a pipe, without control characters to a
+    /// terminal.
     ///
     /// # Errors
     /// Stdout cannot be written. A reader that has closed the pipe (`| head`) is no error: the
     /// command goes on to its own exit code ([`Talk::reader_left`]).
     pub fn data(&self, text: &str) -> Result<(), CliError> {
         let mut out = std::io::stdout().lock();
+        let text = if out.is_terminal() {
+            harmless(text)
+        } else {
+            Cow::Borrowed(text)
+        };
+        Self::write(&mut out, &text)
+    }
+
+    /// Clears a terminal.
+    ///
+    /// # Errors
+    /// The same as for [`Talk::data`].
+    pub fn clear_screen(&self) -> Result<(), CliError> {
+        Self::write(&mut std::io::stdout().lock(), "\x1b[H\x1b[2J")
+    }
+
+    fn write(out: &mut std::io::StdoutLock<'_>, text: &str) -> Result<(), CliError> {
         match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
             Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {
                 READER_LEFT.store(true, Ordering::Relaxed);
@@ -128,7 +152,7 @@ impl Talk {
     /// Prints a message on stderr, even if the program is quiet.
     pub fn insist(&self, text: &str) {
         // A closed stderr is ignored because nobody can read the message.
-        let _ = writeln!(std::io::stderr().lock(), "{text}");
+        let _ = writeln!(std::io::stderr().lock(), "{}", harmless(text));
     }
 
     /// Prints an error with the chain of its causes in one line, even if the program is quiet.
@@ -163,10 +187,45 @@ impl Talk {
 #[must_use]
 pub fn paint(on: bool, tone: Tone, text: &str) -> String {
     if on {
-        format!("{}{text}\x1b[0m", tone.ansi())
+        format!("{}{text}{PLAIN}", tone.ansi())
     } else {
         text.to_owned()
     }
+}
+
+/// `text` with each control character but newline, tab and our own colours as `\\u001b`.
+#[must_use]
+pub fn harmless(text: &str) -> Cow<'_, str> {
+    let is_harmless = |c: char| !c.is_control() || matches!(c, '\n' | '\t');
+    if text.chars().all(is_harmless) {
+        return Cow::Borrowed(text);
+    }
+    let colours = Tone::ALL.map(Tone::ansi);
+    let mut clean = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(c) = rest.chars().next() {
+        let colour = colours
+            .iter()
+            .chain([&PLAIN])
+            .find(|&&colour| rest.starts_with(colour));
+        let n_bytes = match colour {
+            Some(colour) => {
+                clean.push_str(colour);
+                colour.len()
+            }
+            None if is_harmless(c) => {
+                clean.push(c);
+                c.len_utf8()
+            }
+            None if rest.starts_with("\r\n") => 1,
+            None => {
+                clean.push_str(&format!("\\u{:04x}", u32::from(c)));
+                c.len_utf8()
+            }
+        };
+        rest = &rest[n_bytes..];
+    }
+    Cow::Owned(clean)
 }
 
 /// A number with its noun, such as `1 error` or `2 errors`.
@@ -176,5 +235,23 @@ pub fn count(n: usize, thing: &str) -> String {
         format!("1 {thing}")
     } else {
         format!("{n} {thing}s")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_shown_and_our_colours_kept() {
+        let sound = "P_max 120 mmHg\n\tü";
+        assert!(matches!(harmless(sound), Cow::Borrowed(_)));
+        let painted = paint(true, Tone::Bad, "failed");
+        assert_eq!(harmless(&painted), painted);
+        assert_eq!(harmless("a\r\nb"), "a\nb");
+        assert_eq!(
+            harmless("\x1b]0;title\x07 \x1b[2J \u{9b}31m a\rb \x7f"),
+            r"\u001b]0;title\u0007 \u001b[2J \u009b31m a\u000db \u007f"
+        );
     }
 }

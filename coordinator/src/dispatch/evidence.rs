@@ -6,14 +6,19 @@ use std::path::Path;
 
 use cardiotwin_protocol::claim::{self, ClaimFile};
 use cardiotwin_protocol::closing::{self, Closing, Winner};
-use cardiotwin_protocol::names;
+use cardiotwin_protocol::{names, seal};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::formats;
+use cardiotwin_schemas::hash::sha256_of_file;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Revocation, TaskOutcome};
 
 use super::{DispatchError, Evidence};
 use crate::clock;
+
+/// Larger artefacts are hashed where a later task reads them: hashing them here would hold up a
+/// coordinator that has hundreds of results to adopt.
+const LARGEST_HASHED_BYTES: u64 = 64 << 20;
 
 fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DispatchError {
     let path = path.to_owned();
@@ -47,6 +52,19 @@ fn evidence_of(directory: &Path, text: String) -> Evidence {
             };
         }
     };
+    if let Some(found) = seal::broken(&outcome, &text) {
+        let stated = outcome.sha256.unwrap_or_default();
+        let reason = format!(
+            "{} was changed after its worker wrote it: found SHA-256 {found}, expected {stated}; \
+             it is refused and the task is repeated (files of attempts must not be edited; change \
+             settings or input instead)",
+            path.display()
+        );
+        return Evidence::Nothing {
+            class: FailureClass::Site,
+            reason,
+        };
+    }
     for artefact in &outcome.artefacts {
         let file = directory.join(&artefact.file);
         let found = fs::metadata(&file).map(|m| m.len()).ok();
@@ -56,6 +74,22 @@ fn evidence_of(directory: &Path, text: String) -> Evidence {
                 "{} {found}, but its outcome says {} bytes",
                 file.display(),
                 artefact.bytes
+            );
+            return Evidence::Nothing {
+                class: FailureClass::Site,
+                reason,
+            };
+        }
+        if artefact.bytes > LARGEST_HASHED_BYTES {
+            continue;
+        }
+        let found = sha256_of_file(&file).unwrap_or_else(|error| error.to_string());
+        if found != artefact.sha256 {
+            let reason = format!(
+                "{} was changed after its worker wrote it: found SHA-256 {found}, expected {}; its \
+                 outcome is refused and the task is repeated",
+                file.display(),
+                artefact.sha256
             );
             return Evidence::Nothing {
                 class: FailureClass::Site,
@@ -116,4 +150,78 @@ pub fn last_words(directory: &Path) -> Option<String> {
         .map(str::trim)
         .find(|line| !line.is_empty())
         .map(|line| line.chars().take(300).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cardiotwin_protocol::closing::PreparedOutcome;
+    use cardiotwin_schemas::hash::sha256_hex;
+    use cardiotwin_schemas::ids::TaskKey;
+    use cardiotwin_schemas::outcome::{Artefact, Ending};
+    use cardiotwin_schemas::provenance::Provenance;
+
+    /// The reason why the outcome is refused; `None` for an outcome that is adopted.
+    fn refused(directory: &Path) -> Option<String> {
+        match outcome(directory).unwrap().expect("it was published") {
+            Evidence::Outcome { .. } => None,
+            Evidence::Nothing { class, reason } => {
+                assert_eq!(class, FailureClass::Site, "{reason}");
+                Some(reason)
+            }
+        }
+    }
+
+    #[test]
+    fn an_edited_outcome_and_an_edited_artefact_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (traces, file) = (
+            folder.path().join("traces.csv"),
+            folder.path().join(names::OUTCOME),
+        );
+        fs::write(&traces, "abc").unwrap();
+        let published = TaskOutcome {
+            schema_version: formats::OUTCOME.version,
+            attempt: AttemptId {
+                task: TaskKey("0".repeat(64)),
+                generation: 1,
+            },
+            ending: Ending::Cancelled,
+            artefacts: vec![Artefact {
+                name: "traces".into(),
+                file: "traces.csv".into(),
+                sha256: sha256_hex(b"abc"),
+                bytes: 3,
+            }],
+            provenance: Provenance::default(),
+            sha256: None,
+        };
+        let prepared = PreparedOutcome::new(folder.path(), &published).unwrap();
+        assert_eq!(prepared.publish().unwrap(), Winner::Worker);
+        assert_eq!(refused(folder.path()), None);
+
+        fs::write(&traces, "abd").unwrap();
+        let said = refused(folder.path()).expect("it was edited");
+        assert!(
+            said.contains("traces.csv was changed") && said.contains("repeated"),
+            "{said}"
+        );
+        fs::write(&traces, "abc").unwrap();
+
+        let sound = fs::read_to_string(&file).unwrap();
+        fs::write(&file, sound.replacen("cancelled", "succeeded", 1)).unwrap();
+        assert!(
+            outcome(folder.path())
+                .unwrap()
+                .is_some_and(|evidence| matches!(evidence, Evidence::Nothing { .. }))
+        );
+        fs::write(&file, sound.replace("\"bytes\": 3", "\"bytes\":  3")).unwrap();
+        let said = refused(folder.path()).expect("it was edited");
+        assert!(
+            said.contains("outcome.json was changed") && said.contains("must not be edited"),
+            "{said}"
+        );
+        fs::write(&file, &sound).unwrap();
+        assert_eq!(refused(folder.path()), None);
+    }
 }

@@ -58,6 +58,7 @@ impl InProcess {
             },
             artefacts: Vec::new(),
             provenance,
+            sha256: None,
         };
         let text = serde_json::to_string(&outcome).expect("an outcome is JSON");
         News::Ended {

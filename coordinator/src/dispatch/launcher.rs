@@ -66,7 +66,24 @@ impl Launcher {
     /// The launcher's program, for messages.
     #[must_use]
     pub fn program(&self) -> &str {
-        self.command.first().map_or("", String::as_str)
+        self.words().1
+    }
+
+    /// The command in three: `env` and its assignments, where it starts with them, the launcher's
+    /// program, and the program's own arguments.
+    fn words(&self) -> (&[String], &str, &[String]) {
+        let prepares = |word: &String| word == "env" || word.contains('=');
+        let starts_with_env = self.command.first().is_some_and(|word| word == "env");
+        let at = if starts_with_env {
+            self.command.iter().position(|word| !prepares(word))
+        } else {
+            None
+        };
+        let (environment, rest) = self.command.split_at(at.unwrap_or(0));
+        match rest.split_first() {
+            Some((program, arguments)) => (environment, program, arguments),
+            None => (environment, "", &[]),
+        }
     }
 
     /// Command that runs `n_ranks` ranks of the worker on this machine, or wherever the launcher
@@ -127,10 +144,13 @@ impl Launcher {
     /// The command's own arguments come last, so that they win where a launcher takes the last of
     /// two options.
     fn line(&self, options: &[String], worker: &Path) -> Command {
-        let mut command = Command::new(self.program());
+        let (environment, program, arguments) = self.words();
+        let mut words = environment.iter().map(String::as_str).chain([program]);
+        let mut command = Command::new(words.next().unwrap_or_default());
         command
+            .args(words)
             .args(options)
-            .args(self.command.get(1..).unwrap_or_default())
+            .args(arguments)
             .arg(worker);
         command
     }
@@ -246,6 +266,12 @@ mod tests {
         assert_eq!(
             words(&launcher(&["mpirun", "--bind-to", "none"]).anywhere(4)),
             "mpirun -n 4 --bind-to none /bin/ranks"
+        );
+        let prepared = launcher(&["env", "A=1", "B=2", "mpiexec.hydra", "-v"]);
+        assert_eq!(prepared.program(), "mpiexec.hydra");
+        assert_eq!(
+            words(&prepared.at(&two, &prepared.worker, 2, 1)),
+            "env A=1 B=2 mpiexec.hydra -n 2 -ppn 1 -hosts n1,n2 -v /bin/ranks"
         );
     }
 

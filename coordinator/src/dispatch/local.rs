@@ -533,6 +533,7 @@ mod tests {
             ending: cardiotwin_schemas::outcome::Ending::Cancelled,
             artefacts: vec![],
             provenance: Default::default(),
+            sha256: None,
         };
         for is_first in [true, false] {
             let folder = tempfile::tempdir().unwrap();

@@ -85,6 +85,11 @@ pub enum EngineEvent {
         /// Number of patients that are worked on.
         of: usize,
     },
+    /// Patients of the run are no longer in the cohort's folder.
+    Vanished {
+        /// Patients whose folders vanished since the last command.
+        patients: Vec<PatientId>,
+    },
     /// A request of another process was applied or refused.
     Request {
         /// Effects of the request, or the reason of the refusal.

@@ -266,7 +266,7 @@ async fn tick<S: Scheduler>(
 ///
 /// # Errors
 /// Any [`EngineError`]; what was committed before stays committed.
-pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), EngineError> {
+pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<bool, EngineError> {
     let (_lock, lease, run_dir) = enter_with_lease(run_dir)?;
     let options = RunOptions {
         run_dir: run_dir.clone(),
@@ -300,8 +300,9 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<(), E
     )
     .await?;
     cluster.begin(None).await?;
-    cluster.end_jobs(&stop).await?;
-    cluster.close().await
+    let is_over = cluster.end_jobs(&stop).await?;
+    cluster.close().await?;
+    Ok(is_over)
 }
 
 /// Store, mirror and decider of a run, with the cohort's plans taken up.
@@ -311,6 +312,7 @@ async fn open(
     clock: &Clock,
 ) -> Result<(Writer, Books, Decider), EngineError> {
     let mut writer = Writer::open(run_dir).await?;
+    writer.lies_in(run_dir).await?;
     let now_ms = clock.now_ms();
     let mut books = Books::new(run_dir, writer.load().await?, now_ms)?;
     let mut decider = Decider::new(options.executor.site_retries);
@@ -398,9 +400,10 @@ pub fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
 
 /// The launcher of MPI ranks, if one is set. The program of the ranks is beside the worker.
 fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, EngineError> {
-    let Some(program) = command.first() else {
+    let Some(launcher) = Launcher::beside(command, worker) else {
         return Ok(None);
     };
+    let program = launcher.program();
     let folders = std::env::var_os("PATH").unwrap_or_default();
     let is_found = match Path::new(program) {
         path if path.components().count() > 1 => path.is_file(),
@@ -408,12 +411,11 @@ fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, 
     };
     if !is_found {
         return Err(EngineError::NoLauncher {
-            program: program.clone(),
+            program: program.to_owned(),
         });
     }
-    let launcher = Launcher::beside(command, worker);
-    launcher.as_ref().map_or(Ok(()), is_built)?;
-    Ok(launcher)
+    is_built(&launcher)?;
+    Ok(Some(launcher))
 }
 
 fn is_built(launcher: &Launcher) -> Result<(), EngineError> {

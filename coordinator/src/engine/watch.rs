@@ -1,12 +1,19 @@
-//! Reading of the `progress.jsonl` of running attempts.
+//! Reading of the `progress.jsonl` of running attempts, and workers that write none.
 
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::formats::PROGRESS;
 use cardiotwin_schemas::progress::Progress;
+
+/// A worker is hung after so many times the longest time between two of its reports.
+const PATIENCE: u32 = 10;
+/// Least patience between reports: a file system or a suspended machine may stand still for minutes.
+const LEAST_PATIENCE: Duration = Duration::from_secs(600);
+/// Patience before a second report: a large mesh is set up in silence.
+const FIRST_PATIENCE: Duration = Duration::from_secs(1800);
 
 /// Reader of one attempt's progress.
 #[derive(Debug)]
@@ -14,7 +21,11 @@ pub struct Tail {
     path: PathBuf,
     offset: u64,
     /// Time of the last growth, or of the opening.
-    pub grew: Instant,
+    grew: Instant,
+    /// Number of growths.
+    n_reports: u32,
+    /// Longest time between two growths.
+    longest: Duration,
 }
 
 impl Tail {
@@ -25,7 +36,25 @@ impl Tail {
             path: directory.join(cardiotwin_protocol::names::PROGRESS),
             offset: 0,
             grew: Instant::now(),
+            n_reports: 0,
+            longest: Duration::ZERO,
         }
+    }
+
+    /// Why the worker is considered hung at the time `now`; `None` if it is not. `timeout_s` is
+    /// `executor.hang_timeout_s`.
+    #[must_use]
+    pub fn hung(&self, timeout_s: Option<f64>, now: Instant) -> Option<String> {
+        let patience = match timeout_s {
+            Some(0.0) => return None,
+            Some(timeout_s) => Duration::from_secs_f64(timeout_s),
+            None if self.n_reports < 2 => FIRST_PATIENCE,
+            None => (self.longest * PATIENCE).max(LEAST_PATIENCE),
+        };
+        let patience_s = patience.as_secs_f64();
+        (now.duration_since(self.grew) > patience).then(|| {
+            format!("no progress for {patience_s:.0} s: the worker was considered hung and killed")
+        })
     }
 
     /// The last complete line since the previous call; `None` if there is none. Progress is only
@@ -40,7 +69,12 @@ impl Tail {
         file.read_to_end(&mut bytes).ok()?;
         let complete = bytes.iter().rposition(|byte| *byte == b'\n')? + 1;
         self.offset += complete as u64;
-        self.grew = Instant::now();
+        let now = Instant::now();
+        if self.n_reports > 0 {
+            self.longest = self.longest.max(now.duration_since(self.grew));
+        }
+        self.n_reports += 1;
+        self.grew = now;
         bytes[..complete]
             .split(|byte| *byte == b'\n')
             .rev()
@@ -51,6 +85,30 @@ impl Tail {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_silent_worker_is_hung_by_default() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut tail = Tail::of(dir.path());
+        let after = |tail: &Tail, s: u64| tail.grew + Duration::from_secs(s);
+        assert_eq!(tail.hung(None, after(&tail, 1800)), None);
+        assert!(tail.hung(None, after(&tail, 1801)).is_some());
+        assert_eq!(tail.hung(Some(0.0), after(&tail, 1_000_000)), None);
+        let said = tail.hung(Some(3.0), after(&tail, 4)).unwrap();
+        assert!(said.contains("no progress for 3 s"), "{said}");
+
+        let line = r#"{"at":"t","phase":"p","done":1,"total":4,"note":"n"}"#.to_owned() + "\n";
+        let path = dir.path().join("progress.jsonl");
+        for n in 1..=2 {
+            std::fs::write(&path, line.repeat(n)).unwrap();
+            assert!(tail.next().is_some());
+        }
+        assert_eq!(tail.hung(None, after(&tail, 600)), None);
+        assert!(tail.hung(None, after(&tail, 601)).is_some());
+        tail.longest = Duration::from_secs(90);
+        assert_eq!(tail.hung(None, after(&tail, 899)), None);
+        assert!(tail.hung(None, after(&tail, 901)).is_some());
+    }
 
     #[test]
     fn each_line_is_told_once_and_half_a_line_is_waited_for() {

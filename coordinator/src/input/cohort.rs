@@ -1,5 +1,6 @@
 //! A cohort's folder: `cohort.toml`, a folder per patient, and the effects accepted for them.
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -119,25 +120,30 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     check_defaults(&file, &document, report);
     let folders = patient_folders(directory, &file, &document, report);
     select(&folders, &options.only, report);
-    let mut patients = Vec::new();
-    for (id, folder) in folders
-        .iter()
-        .filter(|(id, _)| options.only.is_empty() || options.only.contains(id))
-    {
+    let is_asked = |id: &String| options.only.is_empty() || options.only.contains(id);
+    let asked: Vec<&(String, PathBuf)> = folders.iter().filter(|(id, _)| is_asked(id)).collect();
+    let of_cohort = report.clone();
+    let loaded = in_parallel(&asked, |(id, folder)| {
+        let mut report = of_cohort.clone();
         let overrides = options
             .overrides
             .get(id)
-            .map(|value| Layer::from_rerun(value, id, report));
-        let cohort = &cohort_layer;
+            .map(|value| Layer::from_rerun(value, id, &mut report));
         let layers = Layers {
             defaults: &defaults,
-            cohort,
+            cohort: &cohort_layer,
             overrides,
             command_line: &command_line,
             folder: directory,
             meshes: options.meshes,
         };
-        patients.extend(load_patient(id, folder, &file, layers, report));
+        let patient = load_patient(id, folder, &file, layers, &mut report);
+        (patient, report)
+    });
+    let mut patients = Vec::new();
+    for (patient, of_patient) in loaded {
+        report.absorb(of_patient, of_cohort.findings().len());
+        patients.extend(patient);
     }
     same_ids(&patients, report);
     Some(Cohort {
@@ -153,7 +159,7 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
 /// file. Every problem goes to `report`. `None` if `patient.toml` cannot be read.
 pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
     let own_id = || {
-        let text = std::fs::read_to_string(folder.join("patient.toml")).ok()?;
+        let text = input_files::read_text(&folder.join("patient.toml"), MaxBytes::TEXT).ok()?;
         Some(
             toml::from_str::<toml::Table>(&text)
                 .ok()?
@@ -194,6 +200,23 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
         meshes: false,
     };
     load_patient(&id, folder, &file, layers, report).map(|(patient, _)| patient)
+}
+
+/// Results of `work` in the order of the items. Each core takes a share of them: thousands of small
+/// files are read and checked.
+fn in_parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let n_threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let share = items.len().div_ceil(n_threads).max(1);
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = items
+            .chunks(share)
+            .map(|share| scope.spawn(|| share.iter().map(&work).collect::<Vec<R>>()))
+            .collect();
+        let joined = threads.into_iter().map(|thread| thread.join());
+        joined
+            .flat_map(|results| results.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
+    })
 }
 
 struct Layers<'a> {
@@ -291,12 +314,12 @@ fn merged<'a>(
 }
 
 /// A document as its type. Values that do not fit are reported.
-pub(super) fn read_as<T: DeserializeOwned + schemars::JsonSchema>(
+pub(super) fn read_as<T: DeserializeOwned + schemars::JsonSchema + 'static>(
     document: &Document,
     patient: Option<&str>,
     report: &mut Report,
 ) -> Option<T> {
-    let value = shape::fit(document, &schemars::schema_for!(T), patient, report);
+    let value = shape::fit(document, shape::schema_of::<T>(), patient, report);
     match serde_json::from_value(value) {
         Ok(file) => Some(file),
         Err(error) => {

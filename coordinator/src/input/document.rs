@@ -1,5 +1,6 @@
 //! A TOML file as a tree that contains the position of every key.
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -68,7 +69,7 @@ impl Document {
     /// Reads and parses `file`. Every problem goes to `report`. Returns the parts that could be
     /// parsed; `None` if the file cannot be read or is not UTF-8.
     pub fn read(file: &Path, patient: Option<&str>, report: &mut Report) -> Option<Self> {
-        let bytes = match std::fs::read(file) {
+        let bytes = match input_files::read(file, MaxBytes::TEXT) {
             Ok(bytes) => bytes,
             Err(error) => {
                 let found = format!("no readable file ({error})");

@@ -1,5 +1,6 @@
 //! A file of the input with the hash of its content.
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::hash::sha256_hex;
@@ -16,7 +17,10 @@ pub(super) fn hash(
     report: &mut Report,
 ) -> Option<InputFile> {
     let read = || -> std::io::Result<(PathBuf, Vec<u8>)> {
-        Ok((path.canonicalize()?, std::fs::read(path)?))
+        Ok((
+            path.canonicalize()?,
+            input_files::read(path, MaxBytes::MESH)?,
+        ))
     };
     match read() {
         Ok((absolute, bytes)) => Some(InputFile {

@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 
 use super::document::{Document, Node, Tree, value_from_text};
 use super::report::Report;
-use super::shape::{fit, join};
+use super::shape::{fit, join, schema_of};
 
 /// Name for the command line's settings in messages.
 pub const COMMAND_LINE: &str = "--set";
@@ -103,7 +103,7 @@ impl Layer {
         };
         let value = fit(
             &document,
-            &schemars::schema_for!(SettingsLayer),
+            schema_of::<SettingsLayer>(),
             Some(patient),
             report,
         );
@@ -137,12 +137,7 @@ impl Layer {
             root,
             sound: true,
         };
-        let value = fit(
-            &document,
-            &schemars::schema_for!(SettingsLayer),
-            None,
-            report,
-        );
+        let value = fit(&document, schema_of::<SettingsLayer>(), None, report);
         Self::of(value, |_| Origin::CommandLine)
     }
 
@@ -300,12 +295,7 @@ mod tests {
     fn file_layer(name: &str, text: &str) -> Layer {
         let mut report = Report::default();
         let document = Document::parse(Path::new(name), text, None, &mut report);
-        let value = fit(
-            &document,
-            &schemars::schema_for!(SettingsLayer),
-            None,
-            &mut report,
-        );
+        let value = fit(&document, schema_of::<SettingsLayer>(), None, &mut report);
         assert_eq!(report.findings(), []);
         Layer::from_file(&serde_json::from_value(value).unwrap(), &document, "")
     }

@@ -1,5 +1,6 @@
 //! A folder of recordings: `prepare.toml` and the files that it names, read and checked.
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::path::{Path, PathBuf};
 
 use cardiotwin_recordings::cine::{Cine, CineError};
@@ -282,7 +283,7 @@ impl Reader<'_> {
         if named.is_none() && !path.exists() {
             return None;
         }
-        match std::fs::read(&path) {
+        match input_files::read(&path, MaxBytes::TRACE) {
             Ok(bytes) => {
                 self.inputs.push(RawInput {
                     file: name.to_owned(),

@@ -41,6 +41,17 @@ impl Report {
         }
     }
 
+    /// Takes over what a patient's own report has beyond its first `n_shared` findings.
+    pub fn absorb(&mut self, of_patient: Self, n_shared: usize) {
+        for finding in of_patient.findings.into_iter().skip(n_shared) {
+            // Patients can find the same problem of the cohort, but no problem of each other.
+            if finding.patient.is_some() || !self.findings.contains(&finding) {
+                self.findings.push(finding);
+            }
+        }
+        self.broken.extend(of_patient.broken);
+    }
+
     /// Adds a problem and suppresses later ones at the same key.
     pub fn add_and_break(&mut self, patient: Option<&str>, problem: Problem) {
         let mark = problem.key.clone().map(|key| (problem.file.clone(), key));

@@ -1,11 +1,14 @@
 //! Comparison of a document's keys and types with the JSON Schema of its Rust type. One traversal
 //! serves every file, so that a key added to a type is known here at once.
 
+use std::any::TypeId;
 use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
 
 use cardiotwin_schemas::json_schema::resolve;
 use cardiotwin_schemas::ranges::Range;
 use cardiotwin_signals::{Position, Problem};
+use schemars::{JsonSchema, Schema, schema_for};
 use serde_json::{Map, Value};
 
 use super::document::{Document, Node, Tree};
@@ -16,7 +19,7 @@ use super::report::Report;
 /// required key gets a placeholder instead, and is marked as broken in `report`.
 pub fn fit(
     document: &Document,
-    schema: &schemars::Schema,
+    schema: &Schema,
     patient: Option<&str>,
     report: &mut Report,
 ) -> Value {
@@ -29,6 +32,14 @@ pub fn fit(
     };
     walk.node(&document.root, root, "")
         .unwrap_or(Value::Object(Map::new()))
+}
+
+/// The schema of a type, which is made once: a cohort of thousands reads each of its files by it.
+pub fn schema_of<T: JsonSchema + 'static>() -> &'static Schema {
+    static MADE: Mutex<BTreeMap<TypeId, &'static Schema>> = Mutex::new(BTreeMap::new());
+    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    made.entry(TypeId::of::<T>())
+        .or_insert_with(|| Box::leak(Box::new(schema_for!(T))))
 }
 
 /// Pattern by which a schema says that keys are whole numbers.
@@ -350,7 +361,6 @@ mod tests {
     use std::path::Path;
 
     use cardiotwin_schemas::patient::PatientFile;
-    use schemars::schema_for;
 
     use super::*;
 

@@ -1,11 +1,14 @@
 //! The files of a report.
 
 use std::collections::HashSet;
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::discover::DiscoverCases;
+use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::page::write;
 use super::{cohort, discovery, figures, page, patient};
@@ -15,6 +18,15 @@ use crate::results::{Signals, WriteError};
 pub const ONE_FILE: usize = 50;
 /// Largest number of small pressure plots in an overview.
 const TILES: usize = 60;
+
+/// Pages of patients that are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pages {
+    /// Pages of all patients.
+    All,
+    /// Pages that are not there yet, and pages whose patient has other results than the page shows.
+    Changed,
+}
 
 /// Paths of a report that was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,17 +42,20 @@ pub struct ReportPaths {
 /// `discovered` are the findings of searches beside the run; for more than [`ONE_FILE`] patients
 /// only their tables are shown. The report names artefacts that cannot be read.
 ///
+/// - `pages`: pages of patients that are written, where each patient has one
+///
 /// # Errors
 /// [`WriteError`] if a file cannot be written. Each file is written atomically, the index last.
 pub fn write_report(
     run: &RunRecord,
     discovered: Option<&DiscoverCases>,
+    pages: Pages,
     out: &Path,
 ) -> Result<ReportPaths, WriteError> {
     if run.patients.len() <= ONE_FILE {
         one_file(run, discovered, out)
     } else {
-        index(run, discovered, out)
+        index(run, discovered, pages, out)
     }
 }
 
@@ -83,6 +98,7 @@ fn one_file(
 fn index(
     run: &RunRecord,
     discovered: Option<&DiscoverCases>,
+    pages: Pages,
     out: &Path,
 ) -> Result<ReportPaths, WriteError> {
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
@@ -108,22 +124,27 @@ fn index(
     let mut tiles = Vec::new();
     let mut written = Vec::new();
     for (i, p) in run.patients.iter().enumerate() {
-        let signals = Signals::read(p);
-        if shown.contains(&i)
-            && let Some(chart) = figures::small_pressure(p, &signals, top)
-        {
-            tiles.push((p.plan.id.to_string(), from_index(p), chart.render()));
-        }
         // Only neighbours are linked: with every patient on every page, the report would grow with
         // the square of the cohort's size.
         let near = &run.patients[i.saturating_sub(12)..run.patients.len().min(i + 13)];
         let nav = page::nav(run, &home, near, &|p| of[p.plan.id.as_str()].to_owned());
         let title = format!("{} · {} · cardiotwin", p.plan.id, run.cohort);
         let file = folder.join(&names[i]);
-        write(
-            &file,
-            &page::page(&title, &nav, &patient::section(p, &signals)),
-        )?;
+        let stamp = stamp(p, &title, &nav);
+        let is_current = pages == Pages::Changed && has_stamp(&file, &stamp);
+        let is_shown = shown.contains(&i);
+        if is_current && !is_shown {
+            written.push(file);
+            continue;
+        }
+        let signals = Signals::read(p);
+        if is_shown && let Some(chart) = figures::small_pressure(p, &signals, top) {
+            tiles.push((p.plan.id.to_string(), from_index(p), chart.render()));
+        }
+        if !is_current {
+            let page = page::page(&title, &nav, &patient::section(p, &signals));
+            write(&file, &PreEscaped(format!("{stamp}{}", page.0)))?;
+        }
         written.push(file);
     }
     let left_out = run.patients.len() - tiles.len();
@@ -145,6 +166,22 @@ fn index(
         main: out.to_owned(),
         patients: written,
     })
+}
+
+/// Comment at the beginning of a patient's page, by which a later report knows what the page shows.
+fn stamp(patient: &PatientRecord, title: &str, nav: &Markup) -> String {
+    let mut patient = patient.clone();
+    patient.status.for_s = 0.0;
+    let shown = (env!("CARGO_PKG_VERSION"), title, &nav.0, &patient);
+    let text = serde_json::to_string(&shown).unwrap_or_default();
+    format!("<!-- {} -->\n", sha256_hex(text.as_bytes()))
+}
+
+/// Whether a file begins with this stamp.
+fn has_stamp(file: &Path, stamp: &str) -> bool {
+    let mut found = vec![0; stamp.len()];
+    let read = File::open(file).and_then(|mut file| file.read_exact(&mut found));
+    read.is_ok() && found == stamp.as_bytes()
 }
 
 fn overview(

@@ -180,6 +180,24 @@ pub struct ClusterReport {
     pub finish_after_s: Option<f64>,
     /// Number of commands in the last tick.
     pub commands: u32,
+    /// Elements that ended by their drivers' word and that Slurm may still show as running.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lingering: Vec<Lingering>,
+}
+
+/// An element whose drivers have ended while Slurm may still show it as running.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lingering {
+    /// Unique name of the job.
+    pub name: String,
+    /// Index in the array; `None` for a single job.
+    pub element: Option<u32>,
+    /// Time at which the end was taken up, milliseconds since 1970.
+    pub since_ms: i64,
+    /// Scheduler's number, once the queue has shown it after its end.
+    pub id: Option<String>,
+    /// Whether it was cancelled for lingering.
+    pub is_cancelled: bool,
 }
 
 /// Key of [`ClusterReport`] among the store's single values.
@@ -234,6 +252,20 @@ pub fn status(
             });
         }
     }
+    alive.extend(report.lingering.iter().filter_map(|one| {
+        let why = if one.is_cancelled {
+            "its driver has ended, but Slurm still shows it: it was cancelled"
+        } else {
+            "its driver has ended, but Slurm still shows it"
+        };
+        Some(JobStatus {
+            id: one.id.clone()?,
+            name: one.name.clone(),
+            state: "stopping".to_owned(),
+            why: why.to_owned(),
+            patients: Vec::new(),
+        })
+    }));
     let as_of = report.answered_ms.map(clock::utc_text).unwrap_or_default();
     ClusterStatus {
         site: report.site.clone(),

@@ -4,6 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use sqlx::SqlSafeStr as _;
+use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions as _, Connection as _};
 
@@ -24,7 +26,23 @@ const ROWS_IN_FLIGHT: usize = 4096;
 /// Version of this program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("./migrations");
+/// Conversions of the database from format to format: description and statements. `sqlx::migrate!`
+/// would do the same and needs a second SQLite for the compiler.
+const MIGRATIONS: [(&str, &str); 2] = [
+    ("first", include_str!("../../migrations/0001_first.sql")),
+    (
+        "cluster jobs",
+        include_str!("../../migrations/0002_cluster_jobs.sql"),
+    ),
+];
+
+fn migrator() -> Migrator {
+    let migrations = (1..).zip(MIGRATIONS).map(|(version, (description, sql))| {
+        let kind = MigrationType::Simple;
+        Migration::new(version, description.into(), kind, sql.into_sql_str(), false)
+    });
+    Migrator::with_migrations(migrations.collect())
+}
 
 fn sql<'a>(file: &'a Path, what: &'static str) -> impl Fn(sqlx::Error) -> StoreError + 'a {
     move |source| StoreError::from_sqlite(file.to_owned(), what, source)
@@ -88,7 +106,7 @@ pub async fn writable(run_dir: &Path, shared: bool) -> Result<SqliteConnection, 
         )
         .await?;
     }
-    MIGRATIONS.run(&mut connection).await.map_err(|error| {
+    migrator().run(&mut connection).await.map_err(|error| {
         let source = match error {
             sqlx::migrate::MigrateError::Execute(source) => source,
             other => sqlx::Error::Migrate(Box::new(other)),

@@ -245,6 +245,40 @@ async fn readers_see_commits_while_the_writer_is_at_work() {
     );
 }
 
+#[tokio::test]
+async fn tasks_of_a_moved_run_find_their_files() {
+    let run = run_dir().await;
+    let mut writer = Writer::open(run.path()).await.unwrap();
+    writer
+        .lies_in(Path::new("/old/it's \"run\""))
+        .await
+        .unwrap();
+    let specs = [
+        r#"{"nodal":{"path":"/old/it's \"run\"/attempts/aa/nodal.csv","sha256":"x"}}"#,
+        r#"{"nodal":{"path":"/old/it's \"run\"-2/nodal.csv","sha256":"x"}}"#,
+    ];
+    let mut raw = raw(run.path()).await;
+    for (key, spec) in ["a", "b"].into_iter().zip(specs) {
+        sqlx::query("INSERT INTO tasks (key, kind, version, word, state, spec) VALUES (?1, 'noop', 1, 'w', '{}', ?2)")
+            .bind(key)
+            .bind(spec)
+            .execute(&mut raw)
+            .await
+            .unwrap();
+    }
+    let spec_of = async |raw: &mut SqliteConnection, key: &str| -> String {
+        let query = sqlx::query_scalar("SELECT spec FROM tasks WHERE key = ?1");
+        query.bind(key).fetch_one(raw).await.unwrap()
+    };
+    writer.lies_in(Path::new("/new")).await.unwrap();
+    let moved = spec_of(&mut raw, "a").await;
+    assert_eq!(
+        moved,
+        r#"{"nodal":{"path":"/new/attempts/aa/nodal.csv","sha256":"x"}}"#
+    );
+    assert_eq!(spec_of(&mut raw, "b").await, specs[1]);
+}
+
 const READ_ONLY: &str = "CARDIOTWIN_TEST_READ_ONLY";
 
 /// The test runs itself again in a namespace where the run directory is mounted read-only, because
@@ -263,7 +297,7 @@ async fn a_run_can_be_read_where_nothing_can_be_written() {
     let mount = ["--user", "--map-root-user", "--mount", "sh", "-c"];
     let possible = Command::new("unshare").args(mount).arg("true").status();
     if !possible.is_ok_and(|status| status.success()) {
-        eprintln!("not tested: this system lets nobody mount a file system of his own (unshare)");
+        cardiotwin_not_tested::not_tested("own-mounts", "unshare may not mount a file system");
         return;
     }
     for killed in [false, true] {

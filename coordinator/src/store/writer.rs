@@ -35,6 +35,9 @@ pub struct Writer {
     shared: Option<&'static str>,
 }
 
+/// Key of the run's folder among the store's single values.
+const RUN_DIR: &str = "run_dir";
+
 /// Content of the store when a coordinator begins.
 #[derive(Debug, Default)]
 pub struct Loaded {
@@ -168,6 +171,28 @@ impl Writer {
                 .map_err(|source| StoreError::from_sqlite(self.file.clone(), "writing", source))?;
         }
         Ok(())
+    }
+
+    /// Notes the run's folder. If the run was moved or copied since it was last opened, specifications
+    /// of tasks without an outcome name their files at the new place from now on.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read or written.
+    pub async fn lies_in(&mut self, run_dir: &Path) -> Result<(), StoreError> {
+        let here = run_dir.to_string_lossy();
+        if let Some(before) = self.meta().await?.remove(RUN_DIR).filter(|at| *at != here) {
+            let below = |folder: &str| {
+                let text = serde_json::json!(format!("{folder}/")).to_string();
+                format!("\"path\":{}", text.trim_end_matches('"'))
+            };
+            sqlx::query("UPDATE tasks SET spec = replace(spec, ?1, ?2) WHERE outcome IS NULL AND instr(spec, ?1)")
+                .bind(below(&before))
+                .bind(below(&here))
+                .execute(&mut self.connection)
+                .await
+                .map_err(|source| StoreError::from_sqlite(self.file.clone(), "writing", source))?;
+        }
+        self.set_meta(&[(RUN_DIR, &here)]).await
     }
 
     /// Closes the allocations of earlier coordinators and opens one for this coordinator. Returns

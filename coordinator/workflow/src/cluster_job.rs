@@ -290,7 +290,7 @@ impl ClusterJob {
                         unreachable!("matched above")
                     };
                     let ending = Ending {
-                        cause: Some(FailureCause::Unexplained),
+                        cause: Some(FailureCause::Lost),
                         words: format!("given up: {why}"),
                     };
                     *state = Element::Over { ending };

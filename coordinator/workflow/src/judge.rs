@@ -304,6 +304,7 @@ mod tests {
             ending,
             artefacts: vec![],
             provenance,
+            sha256: None,
         }
     }
 

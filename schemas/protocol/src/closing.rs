@@ -14,7 +14,7 @@ use cardiotwin_schemas::outcome::{Revocation, RevokedAttempt, TaskOutcome};
 use serde::Deserialize;
 
 use crate::files::SyncedDraft;
-use crate::names;
+use crate::{names, seal};
 
 /// State of an attempt.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,7 +90,7 @@ impl<'a> PreparedOutcome<'a> {
     /// # Errors
     /// Any error of the file system.
     pub fn new(directory: &'a Path, outcome: &TaskOutcome) -> io::Result<Self> {
-        let text = serde_json::to_vec_pretty(outcome)?;
+        let text = seal::sealed(outcome)?;
         let draft = SyncedDraft::beside(&directory.join(names::OUTCOME), &text)?;
         Ok(Self { directory, draft })
     }
@@ -170,6 +170,7 @@ mod tests {
             ending: Ending::Cancelled,
             artefacts: vec![],
             provenance: Provenance::default(),
+            sha256: None,
         }
     }
 
@@ -213,7 +214,11 @@ mod tests {
             panic!("{:?}", read(dir.path()))
         };
         let found: TaskOutcome = serde_json::from_str(&text).unwrap();
-        assert_eq!(found, outcome());
+        let sealed = TaskOutcome {
+            sha256: found.sha256.clone(),
+            ..outcome()
+        };
+        assert_eq!(found, sealed);
         assert_eq!(names_in(dir.path()), [names::OUTCOME]);
     }
 

@@ -25,3 +25,4 @@ pub mod exit_code;
 pub mod files;
 pub mod names;
 pub mod process;
+pub mod seal;

@@ -21,13 +21,15 @@ pub enum FailureCause {
     Refused,
     /// One of our programs panicked.
     Defect,
+    /// The scheduler itself ended or lost the job, for example because one of its daemons died.
+    Lost,
     /// The job ended without any trace of the reason.
     Unexplained,
 }
 
 impl FailureCause {
     /// All, with the words that commands take.
-    pub const ALL: [(Self, &'static str); 8] = [
+    pub const ALL: [(Self, &'static str); 9] = [
         (Self::Walltime, "walltime"),
         (Self::OutOfMemory, "oom"),
         (Self::NodeFailure, "node"),
@@ -35,6 +37,7 @@ impl FailureCause {
         (Self::Cancelled, "cancelled"),
         (Self::Refused, "refused"),
         (Self::Defect, "defect"),
+        (Self::Lost, "lost"),
         (Self::Unexplained, "unexplained"),
     ];
 }

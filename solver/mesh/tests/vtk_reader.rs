@@ -75,7 +75,7 @@ fn a_foreign_vtk_reader_opens_our_files() {
     let python = match python() {
         Ok(python) => python,
         Err(why) => {
-            eprintln!("not tested: no VTK reader from PyPI: {why}");
+            cardiotwin_not_tested::not_tested("python-packages", format!("meshio: {why}"));
             return;
         }
     };

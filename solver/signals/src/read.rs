@@ -6,6 +6,7 @@
 
 use crate::told::{Kind, Told};
 use crate::{Problem, Quantity, Trace};
+use cardiotwin_input_files::MaxBytes;
 use std::path::Path;
 
 /// An interval that is so many times the usual one is a gap.
@@ -41,7 +42,12 @@ pub fn read_trace(file: &Path, quantity: Quantity) -> Reading {
 /// Reads a trace file; one that cannot be opened is a problem among others.
 #[must_use]
 pub fn read_trace_from(origin: Origin, file: &Path, quantity: Quantity) -> Reading {
-    match std::fs::read(file) {
+    let read = match origin {
+        Origin::Patient => cardiotwin_input_files::read(file, MaxBytes::TRACE),
+        // A shell's `<(command)` is a pipe.
+        Origin::CommandLine => std::fs::read(file),
+    };
+    match read {
         Ok(bytes) => parse_trace_from(origin, &bytes, file, quantity),
         Err(cause) => Reading {
             trace: None,

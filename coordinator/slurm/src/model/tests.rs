@@ -20,7 +20,11 @@ fn submit_as(
     fault: Option<Fault>,
 ) -> submit::Submission {
     let text = script(name, more);
-    submit::read(&model.answer(&commands::submit("job.sh"), |_| Some(text.clone()), fault))
+    submit::read(&model.answer(
+        &commands::submit(".", "job.sh"),
+        |_| Some(text.clone()),
+        fault,
+    ))
 }
 
 fn ask(model: &mut Model, fault: Option<Fault>) -> (Output, Output) {
@@ -58,7 +62,11 @@ fn it_speaks_as_the_real_slurm_does() {
     let mut model = Model::new(settings);
     let mut said = |more: &str, fault| {
         let text = script("ct-x", more);
-        let output = model.answer(&commands::submit("job.sh"), |_| Some(text.clone()), fault);
+        let output = model.answer(
+            &commands::submit(".", "job.sh"),
+            |_| Some(text.clone()),
+            fault,
+        );
         (output.exit, output.stderr)
     };
     for (more, fault, name) in [

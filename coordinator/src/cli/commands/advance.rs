@@ -8,8 +8,8 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::talk::{Talk, count};
-use crate::cli::{access, notices, scratch};
-use crate::engine::{self, RunOptions, RunSummary, StopSignal};
+use crate::cli::{access, notices, progress, scratch};
+use crate::engine::{self, EngineEvent, RunOptions, RunSummary, StopSignal};
 
 /// Advance a run on a cluster by one tick: collect results of jobs, decide, submit jobs, and exit
 #[derive(Debug, Args)]
@@ -75,12 +75,19 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
         what: "cannot listen to signals",
         source,
     })?;
-    let (events, _) = tokio::sync::mpsc::unbounded_channel();
+    let (events, mut received) = tokio::sync::mpsc::unbounded_channel();
     access::apply(&options.executor, &options.run_dir)?;
     scratch::lay_out(&options.executor, &options.run_dir)?;
     let n_refused = options.refused.len();
     let (run_dir, told) = (options.run_dir.clone(), options.executor.notices.clone());
     let summary = engine::run(options, events, stop).await?;
+    while let Ok(event) = received.try_recv() {
+        if matches!(event, EngineEvent::Vanished { .. })
+            && let Some(line) = progress::line(&event, "patients", talk.colour_err)
+        {
+            talk.say(&line);
+        }
+    }
     notices::tell(&run_dir, &told, talk).await;
     let over = !summary.on_cluster();
     if args.json {

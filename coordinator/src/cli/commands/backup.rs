@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::cli::access;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
@@ -36,6 +37,7 @@ pub async fn execute(args: &BackupArgs, talk: &Talk) -> Result<Exit, CliError> {
         )));
     }
     let folders = args.place.folders();
+    access::as_of_run(&folders.run);
     let bytes = engine::back_up(&folders.run, &args.to).await?;
     talk.data(&format!(
         "{}: {:.1} MB, checked\n",

@@ -1,5 +1,7 @@
 //! `cardiotwin cancel`: ends a patient's chain of tasks; published results stay.
 
+use std::path::Path;
+
 use cardiotwin_schemas::ids::PatientId;
 use clap::Args;
 
@@ -7,9 +9,8 @@ use crate::cli::answer;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::OfCohort;
-use crate::cli::store::open;
 use crate::cli::talk::Talk;
-use crate::engine::{self, Answer, StopSignal};
+use crate::engine::{self, Answer, Reader, StopSignal};
 
 /// Stop the work on one patient or on all; results so far are kept
 #[derive(Debug, Args)]
@@ -33,13 +34,21 @@ pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
     let patient = args.patient.as_deref().map(PatientId::from);
     let answer = engine::cancel(&folders.run, patient.as_ref()).await?;
     answer::tell(&answer, None, talk)?;
-    let jobs = open(&folders)
+    end_jobs(&folders.run, &answer, talk).await
+}
+
+/// Waits until jobs that are no longer needed have ended, unless a running coordinator sees to it.
+///
+/// # Errors
+/// Errors of the engine.
+pub(super) async fn end_jobs(run: &Path, answer: &Answer, talk: &Talk) -> Result<Exit, CliError> {
+    let jobs = Reader::open(run)
         .await?
         .status()
         .await?
         .cluster
         .map_or(0, |cluster| cluster.jobs.len());
-    if jobs > 0 && matches!(answer, Answer::Applied { .. }) {
+    if jobs > 0 && !matches!(answer, Answer::Asked { .. }) {
         let stop = StopSignal::from_signals().map_err(|source| CliError::Io {
             what: "cannot listen to signals",
             source,
@@ -47,7 +56,9 @@ pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.say(
             "waiting for cancelled jobs to end; Ctrl-C stops waiting, and `advance` continues",
         );
-        engine::end_unwanted_jobs(&folders.run, stop).await?;
+        if !engine::end_unwanted_jobs(run, stop).await? {
+            return Ok(Exit::Unfinished);
+        }
     }
     Ok(Exit::Ok)
 }

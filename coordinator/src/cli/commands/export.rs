@@ -8,6 +8,7 @@ use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use clap::Args;
 use serde::Serialize;
 
+use crate::cli::access;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
@@ -17,7 +18,7 @@ use crate::discovery;
 use crate::engine::find_worker;
 use crate::export::ro_crate::{self, CrateFile, CrateOptions};
 use crate::export::{Exported, export};
-use crate::report::write_report;
+use crate::report::{Pages, write_report};
 use crate::results::PatientView;
 use crate::results::folder::WholeFolder;
 
@@ -74,6 +75,7 @@ struct Answer<'a> {
 /// Errors of the store, the export and the worker.
 pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
+    access::as_of_run(&folders.run);
     folders.refuse_sweep("`cardiotwin sweep report DIR` writes its tables")?;
     let record = open(&folders).await?.record().await?;
     let out = args
@@ -229,8 +231,13 @@ fn crate_of(
         files.push(to.clone());
     }
     let cases = discovery::beside(cohort);
-    let report = write_report(record, cases.as_ref(), &folder.path().join("report.html"))
-        .map_err(CliError::Report)?;
+    let report = write_report(
+        record,
+        cases.as_ref(),
+        Pages::All,
+        &folder.path().join("report.html"),
+    )
+    .map_err(CliError::Report)?;
     for page in std::iter::once(&report.main).chain(&report.patients) {
         let path = page
             .strip_prefix(folder.path())

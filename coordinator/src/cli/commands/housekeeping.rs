@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::cli::access;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::{Folders, Place};
@@ -125,6 +126,7 @@ pub async fn clean(args: &CleanArgs, talk: &Talk) -> Result<Exit, CliError> {
 /// folder.
 pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
+    access::as_of_run(&folders.run);
     let target = match &args.to {
         Some(target) => target.clone(),
         None => default_archive(&folders)?,

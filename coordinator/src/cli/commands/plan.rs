@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::run::load_for_cluster;
+use crate::cli::access;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
@@ -39,6 +40,7 @@ pub struct PlanArgs {
 pub async fn execute(args: &PlanArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let options = load_for_cluster(&folders, &args.set, false, args.worker.as_deref(), talk)?;
+    access::check_name(&options.executor, &options.run_dir)?;
     let program = std::env::current_exe().map_err(CliError::file("find", "this program"))?;
     let plan = engine::preview(&options, &program).await?;
     if args.json {

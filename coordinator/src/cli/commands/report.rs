@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::cli::access;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::store::open;
 use crate::cli::talk::Talk;
 use crate::discovery;
-use crate::report::write_report;
+use crate::report::{Pages, write_report};
 
 /// File name of the report in the run's folder.
 pub const FILE: &str = "report.html";
@@ -31,11 +32,13 @@ pub struct ReportArgs {
 /// Errors of the store and the report.
 pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
+    access::as_of_run(&folders.run);
     folders.refuse_sweep("`cardiotwin sweep report DIR`")?;
     let record = open(&folders).await?.record().await?;
     let out = args.out.clone().unwrap_or_else(|| folders.run.join(FILE));
     let cases = discovery::beside(folders.cohort.as_deref());
-    let paths = write_report(&record, cases.as_ref(), &out).map_err(CliError::Report)?;
+    let paths =
+        write_report(&record, cases.as_ref(), Pages::All, &out).map_err(CliError::Report)?;
     talk.data(&format!("{}\n", paths.main.display()))?;
     Ok(Exit::Ok)
 }

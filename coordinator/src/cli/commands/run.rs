@@ -26,7 +26,7 @@ use crate::engine::{
     self, EngineEvent, Foreseen, Reader, RunOptions, RunSummary, StopSignal, StoreError,
 };
 use crate::input::{self, Cohort, Options, Report};
-use crate::report::write_report;
+use crate::report::{Pages, write_report};
 
 /// Largest number of patients for which each patient's result is printed as soon as it is known.
 const LINES_WITH_RESULTS: usize = 100;
@@ -369,8 +369,13 @@ async fn finish(
     let mut report = String::new();
     if !args.no_report {
         let cases = discovery::beside(folders.cohort.as_deref());
-        let paths = write_report(&record, cases.as_ref(), &folders.run.join(FILE))
-            .map_err(CliError::Report)?;
+        let paths = write_report(
+            &record,
+            cases.as_ref(),
+            Pages::Changed,
+            &folders.run.join(FILE),
+        )
+        .map_err(CliError::Report)?;
         report = format!("report: {}\n", paths.main.display());
     }
     let wall = duration(began.elapsed().as_secs_f64());

@@ -60,7 +60,7 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
             talk.json(&status)?;
         } else {
             if args.watch && talk.colour_out {
-                talk.data("\x1b[H\x1b[2J")?;
+                talk.clear_screen()?;
             }
             talk.data(&screen(&status, member, rows, talk))?;
             if let Some(hint) = hint(&status, &folders) {

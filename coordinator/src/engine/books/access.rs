@@ -133,10 +133,12 @@ impl Books {
     }
 
     /// Makes a patient inactive who is no longer in the cohort.
-    pub fn retire(&mut self, i: usize) {
-        if std::mem::take(&mut self.patients[i].row.active) {
+    pub fn retire(&mut self, i: usize) -> bool {
+        let was_active = std::mem::take(&mut self.patients[i].row.active);
+        if was_active {
             self.touch(i);
         }
+        was_active
     }
 
     /// Sets the plan as the cohort gives it, in JSON. [`Books::set_plan`] has to follow.

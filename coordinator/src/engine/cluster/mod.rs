@@ -17,6 +17,7 @@ mod disk_need;
 mod examine;
 mod expect;
 mod follow;
+mod linger;
 #[cfg(feature = "dev")]
 mod measure;
 mod mesh_size;
@@ -38,6 +39,7 @@ use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_slurm::answers::queue::QueueRow;
 use cardiotwin_slurm::answers::{Output, Table};
 use cardiotwin_slurm::commands::Command;
+use cardiotwin_slurm::job::JobId;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_workflow::patient::Patient;
 
@@ -131,6 +133,10 @@ pub struct Cluster<S> {
     applied_requests: Vec<PathBuf>,
     /// Names and elements of jobs to revoke after the commit.
     to_revoke: Vec<(String, usize)>,
+    /// Elements that outlived their drivers, to be cancelled after the commit.
+    lingering: Vec<JobId>,
+    /// Whether such elements are cancelled at once, without a grace time.
+    ends_all: bool,
     /// Attempts that were stopped in this tick.
     stopped: Vec<Stopped>,
 }
@@ -186,6 +192,8 @@ impl<S: Scheduler> Cluster<S> {
             stage: Stage::Requests,
             applied_requests: Vec::new(),
             to_revoke: Vec::new(),
+            lingering: Vec::new(),
+            ends_all: false,
             stopped: Vec::new(),
         })
     }
@@ -262,19 +270,22 @@ impl<S: Scheduler> Cluster<S> {
         }
     }
 
-    /// Ticks until every job that was asked to end has ended.
+    /// Ticks until every job that was asked to end has ended, and no element outlives its driver.
+    /// Returns whether nothing is left; `false` after a stop.
     ///
     /// # Errors
     /// As [`Cluster::tick`].
-    pub async fn end_jobs(&mut self, stop: &StopSignal) -> Result<(), EngineError> {
+    pub async fn end_jobs(&mut self, stop: &StopSignal) -> Result<bool, EngineError> {
+        self.ends_all = true;
         loop {
             self.tick().await?;
             let rows = self.books.jobs().rows().values();
             let ending = rows
                 .flat_map(|row| &row.state.elements)
                 .any(|e| *e == Element::Stopping);
-            if (!ending && self.books.outbox().is_empty()) || stop.level() > StopLevel::Run {
-                return Ok(());
+            let is_over = !ending && self.books.outbox().is_empty() && !self.has_lingering();
+            if is_over || stop.level() > StopLevel::Run {
+                return Ok(is_over);
             }
             tokio::select! {
                 () = stop.raised_above(StopLevel::Run) => {}
@@ -292,6 +303,7 @@ impl<S: Scheduler> Cluster<S> {
             .all(|p| p.row.state.is_final())
             && self.books.jobs().rows().is_empty()
             && self.books.outbox().is_empty()
+            && !self.has_lingering()
     }
 
     /// Passes a crash point.
@@ -364,7 +376,8 @@ impl<S: Scheduler> Cluster<S> {
                 .rows()
                 .values()
                 .map(|row| row.spec.elements.len())
-                .sum(),
+                .sum::<usize>()
+                + self.report.lingering.len(),
             ..RunSummary::default()
         };
         summary.count(self.books.selected_states());
@@ -447,6 +460,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
             }
             Stage::Patients => {
                 self.work_off_outbox().await?;
+                self.cancel_lingering().await?;
                 if self.stopped.is_empty() {
                     Stage::Over
                 } else {

@@ -49,7 +49,10 @@ impl<S: Scheduler> Cluster<S> {
             !row.state.is_over() && row.state.submission != Submission::Intended
         };
         let live = self.books.jobs().rows().values().filter(asked).count();
-        if live == 0 && !(0..self.books.patients().len()).any(|i| wants_place(&self.books, i)) {
+        if live == 0
+            && !self.has_lingering()
+            && !(0..self.books.patients().len()).any(|i| wants_place(&self.books, i))
+        {
             return Ok(());
         }
         if self.leaves_slurm_alone() {
@@ -58,6 +61,11 @@ impl<S: Scheduler> Cluster<S> {
         let queue = self.ask(commands::queue(), queue::read).await?;
         self.queue.clone_from(&queue);
         let queued = queue.map(|table| by_key(table, |row| (row.name.clone(), row.id.element)));
+        if queued.is_some() {
+            self.look_for_lingering(|name, element| {
+                of_key(queued.as_ref(), &(name.to_owned(), element))
+            });
+        }
         let work = self.books.elements_at_work();
         let unclear: Vec<&String> = work
             .iter()
@@ -173,6 +181,7 @@ impl<S: Scheduler> Cluster<S> {
             cause: late.then_some(FailureCause::Walltime),
             words: words.to_owned(),
         };
+        self.ended_by_its_word(name, element);
         self.books
             .job_event(name, JobEvent::Ended { element, ending })
     }
@@ -388,7 +397,7 @@ impl<S: Scheduler> Cluster<S> {
         )
     }
 
-    fn grace_ms(&self) -> i64 {
+    pub(super) fn grace_ms(&self) -> i64 {
         i64::try_from(self.settings.slurm.grace_s).unwrap_or(i64::MAX / 20_000) * 1000
     }
 

@@ -1,6 +1,7 @@
 //! Profiles of sites: shipped ones by name, others by path, refined by the limits that the site
 //! reports.
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_schemas::settings::SlurmSettings;
 use cardiotwin_slurm::answers::{Exit, Output, config, qos};
 use cardiotwin_slurm::commands;
@@ -43,7 +44,7 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
     let mut site = match SHIPPED.iter().find(|(shipped, _)| shipped == name) {
         Some((file, text)) => read(file, text)?,
         None => {
-            let text = std::fs::read_to_string(name).map_err(|error| {
+            let text = input_files::read_text(name.as_ref(), MaxBytes::TEXT).map_err(|error| {
                 let known = SHIPPED.map(|(name, _)| name).join(", ");
                 wrong(format!(
                     "executor.slurm.site is `{name}`, which is neither a readable file \

@@ -21,7 +21,7 @@ use crate::store::cluster_jobs::{JobRow, JobSpec};
 use crate::store::outbox::Action;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::settings::ExecutorSettings;
-use cardiotwin_workflow::cluster_job::{JobEvent, Submission};
+use cardiotwin_workflow::cluster_job::{Element, JobEvent, Submission};
 use cardiotwin_workflow::task::Task;
 use std::path::Path;
 
@@ -102,7 +102,8 @@ impl<S: Scheduler> Cluster<S> {
         Ok(published)
     }
 
-    /// Cancels all given elements with one scancel, and jobs without a known number by their names.
+    /// Cancels all given elements with one scancel, an array of which nothing is to go on by its own
+    /// number, and jobs without a known number by their names.
     async fn cancel(
         &mut self,
         wanted: Vec<(i64, String, usize)>,
@@ -114,7 +115,9 @@ impl<S: Scheduler> Cluster<S> {
                 continue;
             };
             match &row.state.submission {
-                Submission::Accepted { job: Some(job) } if row.spec.is_array => {
+                Submission::Accepted { job: Some(job) }
+                    if row.spec.is_array && !is_whole(row, &wanted) =>
+                {
                     numbers.push(JobId::element(
                         *job,
                         u32::try_from(*element).unwrap_or(u32::MAX),
@@ -124,6 +127,8 @@ impl<S: Scheduler> Cluster<S> {
                 _ => names.extend(JobName::new(name).ok()),
             }
         }
+        numbers.sort_unstable();
+        numbers.dedup();
         let numbers = (!numbers.is_empty()).then(|| commands::cancel(&numbers));
         let mut done = !self.leaves_slurm_alone();
         if done {
@@ -177,7 +182,10 @@ impl<S: Scheduler> Cluster<S> {
         folder.mark_submitting()?;
         self.report.commands += 1;
         let output = self
-            .run_command(&commands::submit(&folder.script().to_string_lossy()))
+            .run_command(&commands::submit(
+                &folder.path().to_string_lossy(),
+                &folder.script().to_string_lossy(),
+            ))
             .await?;
         let answer = submit::read(&output);
         match &answer {
@@ -351,4 +359,17 @@ pub fn script_of(
         },
     };
     script::write(&job, queue, site)
+}
+
+/// Whether every element of the array that is not over is among the `wanted` ones.
+fn is_whole(row: &JobRow, wanted: &[(i64, String, usize)]) -> bool {
+    let is_wanted = |element: usize| {
+        wanted
+            .iter()
+            .any(|(_, name, e)| *name == row.name && *e == element)
+    };
+    let states = row.state.elements.iter().enumerate();
+    states
+        .filter(|(_, state)| !matches!(state, Element::Over { .. }))
+        .all(|(element, _)| is_wanted(element))
 }

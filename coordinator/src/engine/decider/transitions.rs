@@ -68,10 +68,14 @@ impl Decider {
                 )?;
             }
         }
+        let mut vanished = Vec::new();
         for (i, present) in present.into_iter().enumerate() {
-            if !present {
-                books.retire(i);
+            if !present && books.retire(i) {
+                vanished.push(PatientId(books.patient(i).row.status.patient.clone()));
             }
+        }
+        if !vanished.is_empty() {
+            self.tell(EngineEvent::Vanished { patients: vanished });
         }
         Ok(())
     }

@@ -30,6 +30,10 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
                 None => self.go_past(&attempt),
             }
         }
+        for (attempt, why) in seen.hung {
+            self.errands.push(Errand::Kill(attempt.clone()));
+            self.hung.insert(attempt, why);
+        }
         for item in seen.news {
             match item {
                 News::Ended {
@@ -201,7 +205,13 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         wanted.map(|wanted| wanted.patients).unwrap_or_default()
     }
 
-    fn ended(&mut self, attempt: &AttemptId, evidence: Evidence) {
+    fn ended(&mut self, attempt: &AttemptId, mut evidence: Evidence) {
+        self.tails.remove(attempt);
+        if let (Some(why), Evidence::Nothing { reason, .. }) =
+            (self.hung.remove(attempt), &mut evidence)
+        {
+            *reason = why;
+        }
         let Some(waiters) = self.running.remove(attempt) else {
             return;
         };
@@ -226,6 +236,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     }
 
     fn leave(&mut self, attempt: &AttemptId, why: &str) {
+        self.tails.remove(attempt);
         for patient in self.running.remove(attempt).unwrap_or_default() {
             self.left.insert(patient, why.to_owned());
         }

@@ -28,6 +28,7 @@ use super::books::attempt_directory;
 use super::files_seen::FilesSeen;
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
+use super::watch::Tail;
 use super::{EngineError, StopLevel, StopSignal};
 use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};
@@ -110,6 +111,8 @@ pub async fn drive_job<E: Executor>(
         now_ms: surroundings.clock.now_ms(),
         wanted: HashMap::new(),
         running: HashMap::new(),
+        tails: HashMap::new(),
+        hung: HashMap::new(),
         errands: Vec::new(),
         met: Vec::new(),
         has_run_errands: false,
@@ -194,6 +197,10 @@ struct InJobLoop<'a, E, W> {
     wanted: HashMap<AttemptId, Wanted>,
     /// Running attempts, with the patients that wait for each.
     running: HashMap<AttemptId, Vec<usize>>,
+    /// Progress of the running attempts.
+    tails: HashMap<AttemptId, Tail>,
+    /// Attempts whose workers are being killed as hung, with the reason.
+    hung: HashMap<AttemptId, String>,
     /// Errands of the last decision.
     errands: Vec<Errand>,
     /// Results of the last errands, which the next turn observes.
@@ -223,8 +230,10 @@ enum Errand {
     Revoke(AttemptId),
     /// Leave a note that the driver was told to stop.
     NoteAskedToEnd,
-    /// End the worker of a running attempt.
+    /// End the worker of a running attempt, which may write its checkpoint.
     Stop(AttemptId),
+    /// Kill the worker of a running attempt.
+    Kill(AttemptId),
 }
 
 /// Result of an errand.
@@ -255,6 +264,8 @@ struct Sight {
     /// Number of attempts that the executor would take.
     room: usize,
     news: Vec<News>,
+    /// Attempts without progress, with the reason.
+    hung: Vec<(AttemptId, String)>,
     taken: Vec<usize>,
     existing: Vec<(AttemptId, Existing)>,
     revoked: Vec<(AttemptId, Option<Evidence>)>,
@@ -289,6 +300,7 @@ impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
             is_fenced: self.folder.is_fenced(self.place.element),
             room: self.executor.free(),
             news,
+            hung: self.hung_workers(),
             taken: Vec::new(),
             existing: Vec::new(),
             revoked: Vec::new(),
@@ -348,6 +360,29 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         self.order.run_dir.join(attempt_directory(attempt))
     }
 
+    /// Reads the progress of the running attempts and returns those that make none.
+    fn hung_workers(&mut self) -> Vec<(AttemptId, String)> {
+        let now = Instant::now();
+        let mut hung = Vec::new();
+        for (attempt, tail) in &mut self.tails {
+            tail.next();
+            let patient = self
+                .running
+                .get(attempt)
+                .and_then(|waiting| waiting.first());
+            let timeout_s = patient.and_then(|&patient| {
+                let settings = &self.order.patients[patient].plan.settings;
+                settings.executor.hang_timeout_s
+            });
+            if let Some(why) = tail.hung(timeout_s, now)
+                && !self.hung.contains_key(attempt)
+            {
+                hung.push((attempt.clone(), why));
+            }
+        }
+        hung
+    }
+
     /// Reads what is in a directory that was there before.
     fn examine(&self, attempt: &AttemptId) -> Result<Existing, EngineError> {
         let directory = self.directory(attempt);
@@ -395,6 +430,10 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
                 let directory = self.directory(&attempt);
                 self.executor.stop(&attempt, &directory, false)?;
             }
+            Errand::Kill(attempt) => {
+                let directory = self.directory(&attempt);
+                self.executor.stop(&attempt, &directory, true)?;
+            }
         }
         Ok(())
     }
@@ -424,6 +463,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         }
         self.pass("after an attempt's directory was made")?;
         self.ledger.start(&attempt, spec.task.kind());
+        self.tails.insert(attempt.clone(), Tail::of(&directory));
         self.executor.submit(Order { spec, directory }).await?;
         if let Some(wanted) = self.wanted.remove(&attempt) {
             self.running.insert(attempt, wanted.patients);

@@ -54,12 +54,9 @@ impl<E: Executor> LocalLoop<E> {
         for (attempt, progress) in seen.progress {
             self.tell_progress(&attempt, progress);
         }
-        for attempt in seen.hung {
-            let timeout_s = self.settings.hang_timeout_s;
-            let reason =
-                format!("no progress for {timeout_s} s: the worker was considered hung and killed");
+        for (attempt, why) in seen.hung {
             self.to_end.push((attempt.clone(), true));
-            self.hung.insert(attempt, reason);
+            self.hung.insert(attempt, why);
         }
         self.take_stop(seen.stop);
         Ok(())

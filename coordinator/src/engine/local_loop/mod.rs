@@ -90,7 +90,7 @@ pub struct Sight {
     news: Vec<News>,
     requests: Vec<Pending>,
     progress: Vec<(AttemptId, Progress)>,
-    hung: Vec<AttemptId>,
+    hung: Vec<(AttemptId, String)>,
     /// Attempts that were out of sight.
     found: Vec<(AttemptId, Found)>,
     /// Attempts that were stopped and had no watched process.

@@ -98,11 +98,10 @@ impl<E: Executor> LocalLoop<E> {
             if let Some(progress) = tail.next() {
                 seen.progress.push((attempt.clone(), progress));
             }
-            if timeout_s > 0.0
-                && tail.grew.elapsed().as_secs_f64() > timeout_s
+            if let Some(why) = tail.hung(timeout_s, seen.at)
                 && !self.hung.contains_key(attempt)
             {
-                seen.hung.push(attempt.clone());
+                seen.hung.push((attempt.clone(), why));
             }
         }
         let attempts = self.books.attempts().iter();

@@ -408,16 +408,11 @@ impl Executor for Scripted {
             }
         } else {
             let traces = format!("traces of {}", attempt.task);
-            let sha256 = if script.leaves_files {
-                sha256_hex(traces.as_bytes())
-            } else {
-                attempt.task.to_string()
-            };
             let nodal = Artefact {
                 name: "nodal".into(),
                 file: "nodal.csv".into(),
-                sha256,
-                bytes: 1,
+                sha256: sha256_hex(traces.as_bytes()),
+                bytes: traces.len() as u64,
             };
             let outcome = TaskOutcome {
                 schema_version: formats::OUTCOME.version,
@@ -425,6 +420,7 @@ impl Executor for Scripted {
                 ending: script.ending(&order.spec.task),
                 artefacts: vec![nodal],
                 provenance: Provenance::default(),
+                sha256: None,
             };
             let text = serde_json::to_string(&outcome).unwrap();
             // A published file must exist: a missing one counts as purged and is made again.

@@ -87,9 +87,11 @@ impl MeshFileError {
 }
 
 pub(crate) fn read_bytes(file: &Path) -> Result<Vec<u8>, MeshFileError> {
-    std::fs::read(file).map_err(|source| MeshFileError::Read {
-        file: file.to_owned(),
-        source,
+    cardiotwin_input_files::read(file, cardiotwin_input_files::MaxBytes::MESH).map_err(|source| {
+        MeshFileError::Read {
+            file: file.to_owned(),
+            source,
+        }
     })
 }
 

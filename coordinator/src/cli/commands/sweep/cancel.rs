@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::cli::answer;
+use crate::cli::commands::cancel::end_jobs;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
@@ -28,5 +29,5 @@ pub async fn execute(args: &CancelArgs, talk: &Talk) -> Result<Exit, CliError> {
     folder::read(&args.folder)?;
     let answer = engine::cancel(&args.folder, None).await?;
     answer::tell(&answer, None, talk)?;
-    Ok(Exit::Ok)
+    end_jobs(&args.folder, &answer, talk).await
 }

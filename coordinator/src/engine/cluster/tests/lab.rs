@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use cardiotwin_protocol::closing::{self, Closing, PreparedOutcome, Winner};
 use cardiotwin_protocol::{claim, names};
 use cardiotwin_schemas::formats;
+use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
 use cardiotwin_schemas::outcome::{Artefact, TaskOutcome};
 use cardiotwin_schemas::plan::ResolvedPatient;
@@ -98,12 +99,13 @@ impl Executor for OnDisk {
         if self.dies == Some((self.begun - 1, true)) {
             return Err(died(&order.directory)); // claimed, without an outcome
         }
-        fs::write(order.directory.join("nodal.csv"), "x").unwrap();
+        let traces = format!("traces of {}", attempt.task);
+        fs::write(order.directory.join("nodal.csv"), &traces).unwrap();
         let nodal = Artefact {
             name: "nodal".into(),
             file: "nodal.csv".into(),
-            sha256: attempt.task.to_string(),
-            bytes: 1,
+            sha256: sha256_hex(traces.as_bytes()),
+            bytes: traces.len() as u64,
         };
         let outcome = TaskOutcome {
             schema_version: formats::OUTCOME.version,
@@ -111,6 +113,7 @@ impl Executor for OnDisk {
             ending: self.script.lock().unwrap().ending(&order.spec.task),
             artefacts: vec![nodal],
             provenance: Provenance::default(),
+            sha256: None,
         };
         let outcome = PreparedOutcome::new(&order.directory, &outcome).unwrap();
         if outcome.publish().unwrap() == Winner::Coordinator {

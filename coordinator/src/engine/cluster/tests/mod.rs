@@ -166,7 +166,7 @@ async fn a_full_queue_is_waited_for_and_told() {
     // Another job of the user. The site's profile does not contain the limit, so Slurm itself
     // refuses.
     let filler = "#!/bin/bash\n#SBATCH --job-name=filler\n#SBATCH --hold\n#SBATCH --qos=normal\n";
-    let submit = cardiotwin_slurm::commands::submit("filler.sh");
+    let submit = cardiotwin_slurm::commands::submit(".", "filler.sh");
     lab.slurm
         .model
         .lock()

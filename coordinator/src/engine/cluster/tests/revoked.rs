@@ -32,6 +32,7 @@ async fn orphan() -> (Lab, PathBuf, TaskOutcome) {
         ending: lab.script.lock().unwrap().ending(&spec.task),
         artefacts: vec![],
         provenance: Provenance::default(),
+        sha256: None,
     };
     (lab, directory, outcome)
 }

@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_models::beat::{BeatTraces, NodalTraces};
 use cardiotwin_schemas::external::ExternalResults;
 use cardiotwin_units::MMHG_PER_KPA;
@@ -37,7 +38,7 @@ fn form(file: &Path, what: impl std::fmt::Display) -> Unusable {
 }
 
 fn text(file: &Path) -> Result<String, Unusable> {
-    std::fs::read_to_string(file)
+    input_files::read_text(file, MaxBytes::TRACE)
         .map_err(|error| form(file, format!("expected results here, found none ({error})")))
 }
 
@@ -193,7 +194,7 @@ pub(super) fn nodes(
     let mut read = BTreeMap::new();
     for (quantity, name) in &results.igb {
         let file = folder.join(name);
-        let bytes = std::fs::read(&file).map_err(|error| {
+        let bytes = input_files::read(&file, MaxBytes::MESH).map_err(|error| {
             form(
                 &file,
                 format!("expected {quantity} here, found no file ({error})"),
@@ -277,7 +278,8 @@ pub(super) fn nodes(
 
 /// Reads a file in the format of our own solvers.
 fn nodal_csv(file: &Path) -> Result<(Vec<f64>, NodalTraces, bool), Unusable> {
-    let opened = File::open(file)
+    let opened = input_files::check(file, MaxBytes::MESH)
+        .and_then(|()| File::open(file))
         .map_err(|error| form(file, format!("expected results here, found none ({error})")))?;
     let unusable = |error: NodalReadError| form(file, error);
     let mut rows = NodalRows::begin(BufReader::new(opened)).map_err(unusable)?;
