@@ -140,6 +140,7 @@ fi
 part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace --no-deps --document-private-items
 
 # The second part: with the time that is left.
+long_part 300 "long tests: e2e" "$CARGO" test "${everything[@]}" --test e2e -q -- --ignored --show-output
 long_part 1500 "long tests: slurm" "$CARGO" test "${everything[@]}" --test slurm -- --ignored
 
 summary

@@ -54,6 +54,7 @@ fn run(page: &str, folder: &Path) -> String {
 }
 
 #[test]
+#[ignore = "long: `make test-all`, or CI with the time that is left"]
 fn a_first_cohort_in_ten_minutes() {
     let folder = tempfile::tempdir().expect("a folder");
     run("first-cohort.md", folder.path());
@@ -67,6 +68,7 @@ fn a_first_cohort_in_ten_minutes() {
 }
 
 #[test]
+#[ignore = "long: `make test-all`, or CI with the time that is left"]
 fn a_patients_own_mesh() {
     let folder = tempfile::tempdir().expect("a folder");
     run("own-anatomy.md", folder.path());

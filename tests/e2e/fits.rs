@@ -72,7 +72,9 @@ fn a_fit_becomes_a_cohorts_default() {
         };
         std::fs::write(
             cohort.path().join("cohort.toml"),
-            format!("name = \"fitted\"\nsolver.fidelity = \"reduced\"\n{table}"),
+            format!(
+                "name = \"fitted\"\nsolver.fidelity = \"reduced\"\nposterior.enabled = false\n{table}"
+            ),
         )
         .unwrap();
         cohort.call(&["check", "--strict"]).expect(0);

@@ -7,6 +7,7 @@ mod afterload;
 mod book;
 mod damage;
 mod discover;
+mod early_end;
 mod export;
 mod external;
 mod finite_element;

@@ -16,6 +16,10 @@ fn a_cohort_runs_to_the_end_and_the_second_time_does_nothing() {
         "workflow.until=step3",
         "--set",
         "step3.max_iterations=1",
+        "--set",
+        "posterior.enabled=true",
+        "--set",
+        "posterior.draws=40",
     ];
     let said = cohort.call(&run).expect(0);
     for part in ["PATIENT", "P_max", "01-CoA", "02-CoA", "2 done", "report: "] {

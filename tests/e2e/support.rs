@@ -146,7 +146,7 @@ impl Cohort {
     }
 
     /// Patients of the bundled cohort with the program's defaults, except for the one-fibre
-    /// ventricle and fewer draws.
+    /// ventricle and no posterior.
     pub fn by_default(ids: &[&str]) -> Self {
         Self::of(ids, "")
     }
@@ -157,7 +157,8 @@ impl Cohort {
 
     /// Settings come at the end of the file, so that lines keep their numbers.
     fn of(patients: &[&str], settings: &str) -> Self {
-        const FEW_DRAWS: &str = "\n[posterior]\ndraws = 40\n";
+        // The posterior costs most of a whole chain, and has a test of its own in `runs`.
+        const NO_POSTERIOR: &str = "\n[posterior]\nenabled = false\n";
         let folder = tempfile::tempdir().expect("a temporary folder");
         let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/coa-seven/patients");
         for id in patients {
@@ -170,7 +171,7 @@ impl Cohort {
         let head = "name = \"two\"\nsolver.fidelity = \"reduced\"\n";
         std::fs::write(
             folder.path().join("cohort.toml"),
-            format!("{head}{}{FEW_DRAWS}", settings.trim_start()),
+            format!("{head}{}{NO_POSTERIOR}", settings.trim_start()),
         )
         .unwrap();
         Self { folder }

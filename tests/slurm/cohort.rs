@@ -201,7 +201,7 @@ impl<'a> Cohort<'a> {
         command
     }
 
-    fn with_settings<'b>(&'b self, first: &[&'b str]) -> Vec<&'b str> {
+    pub fn with_settings<'b>(&'b self, first: &[&'b str]) -> Vec<&'b str> {
         let mut arguments = first.to_vec();
         self.settings
             .iter()

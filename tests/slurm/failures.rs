@@ -286,18 +286,16 @@ pub fn bad_input_is_never_tried_again(cluster: &Cluster) {
     // The trace is damaged after the planning and before any task reads it.
     let trace = cohort.folder.path().join("patients/01-CoA/pressure.csv");
     let sound = std::fs::read(&trace).expect("a trace");
-    let damage = format!(
-        "setup = [\"echo damaged >> {}\"]\n[node]\n",
-        trace.display()
-    );
-    cohort.change_profile("[node]\n", &damage);
+    // The script runs in the folder of its job, run/slurm/NAME.
+    let damage = "setup = [\"echo damaged >> ../../../patients/01-CoA/pressure.csv\"]\n[node]\n";
+    cohort.change_profile("[node]\n", damage);
     assert_eq!(cohort.advance().code, 8);
     cluster.wait("the job's last word", || {
         cohort.jobs()[0].join("ended-0-0.json").exists()
     });
     // The trace is repaired, but the failure stays until a retry is requested.
     std::fs::write(&trace, &sound).expect("a trace");
-    cohort.change_profile(&damage, "[node]\n");
+    cohort.change_profile(damage, "[node]\n");
     assert_eq!(cohort.finish(), 1);
     let patient = patient(&cohort);
     assert_eq!(

@@ -159,6 +159,10 @@ const LONG: &[Test] = &[
         bundles::several_whole_nodes_in_one_job,
     ),
     (
+        "the paper's run is rehearsed",
+        ranks::the_papers_run_is_rehearsed,
+    ),
+    (
         "a cohort in 3D survives kills",
         kills::a_cohort_in_3d_survives_kills,
     ),

@@ -205,3 +205,59 @@ pub fn one_simulation_spans_nodes(cluster: &Cluster) {
         "{last:?}"
     );
 }
+
+/// The paper's run, in small: its seven patients on four nodes of ARCHER2's, each simulation a step
+/// of two ranks, with the scripts that `plan` prints (docs/slurm.md#the-papers-run).
+pub fn the_papers_run_is_rehearsed(cluster: &Cluster) {
+    if let Some(why) = hindrance(cluster) {
+        crate::not_tested("mpi", &why);
+        return;
+    }
+    let patients: Vec<String> = (1..=7).map(|n| format!("0{n}-CoA")).collect();
+    let patients: Vec<&str> = patients.iter().map(String::as_str).collect();
+    let cohort = in_3d(cluster, &patients, "srun", 2, 2)
+        .set("executor.slurm.account=t01")
+        .set("executor.slurm.bundle_nodes=4")
+        // An hour for each patient makes a place on a node of its own.
+        .set("executor.slurm.simulation_s=600");
+    archer2(&cohort, "");
+    let planned = cohort
+        .call(&cohort.with_settings(&["plan", "--script"]))
+        .out;
+    assert_eq!(cohort.advance().code, 8);
+    let names: Vec<String> = cohort
+        .jobs()
+        .iter()
+        .filter_map(|job| Some(job.file_name()?.to_string_lossy().into_owned()))
+        .collect();
+    let mut submitted: Vec<String> = Vec::new();
+    for (n, name) in names.iter().enumerate() {
+        let script = cohort.script(n);
+        let has_four = script.contains("--nodes=4");
+        assert!(has_four || script.contains("--nodes=3"), "{script}");
+        submitted.push(script.trim_end().replace(name, "JOB"));
+    }
+    let number = regex::Regex::new("ct-plan-[0-9]+").expect("an expression");
+    let planned = number.replace_all(&planned, "JOB").into_owned();
+    for script in &submitted {
+        assert!(
+            planned.contains(script),
+            "planned:\n{planned}\nsubmitted:\n{script}"
+        );
+    }
+    assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+    cohort.assert_done();
+    assert_eq!(cohort.tally().repeated, 0);
+    let steps: Vec<Step> = (0..names.len())
+        .flat_map(|n| steps(cluster, &number_of(&cohort, n)))
+        .filter(|step| step.n_tasks == 2)
+        .collect();
+    let mut nodes: Vec<&str> = steps.iter().map(|step| step.nodes.as_str()).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    assert_eq!(nodes, ["n1", "n2", "n3", "n4"], "{steps:?}");
+    assert!(
+        steps.len() >= 14,
+        "step 0 and a beat of each patient: {steps:?}"
+    );
+}

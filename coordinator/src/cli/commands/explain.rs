@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality};
 use clap::Args;
 use serde_json::Value;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::place::OfCohort;
+use crate::cli::place::{Folders, OfCohort};
 use crate::cli::store::{open, stored_overrides};
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, Tone};
@@ -79,6 +80,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
             failure.message
         ))?;
     }
+    talk.data(&of_stall(&record, &folders))?;
     talk.data(&of_jobs(&jobs, &why, talk))?;
     let mut files: Vec<(&str, PathBuf)> = Vec::new();
     for file in [&record.plan.step0.pressure, &record.plan.step0.volume]
@@ -89,6 +91,52 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     }
     talk.data(&text(&steps, patient.as_ref(), &files, talk))?;
     Ok(Exit::Ok)
+}
+
+/// Why step 1 stalled, from which simulation the patient went on, and the commands that go on with
+/// other settings; empty for a patient whose step 1 converged or has not ended.
+fn of_stall(record: &PatientRecord, folders: &Folders) -> String {
+    let Some(step1) = &record.step1 else {
+        return String::new();
+    };
+    let Step1Quality::Stalled { reason } = step1.quality else {
+        return String::new();
+    };
+    let limit = record.plan.settings.step1.max_iterations;
+    let why = match reason {
+        StallReason::SimulationFailed => record
+            .iterations
+            .iter()
+            .rev()
+            .find_map(|iteration| {
+                let failure = iteration.failure.as_ref()?;
+                let class = failure.class.as_str();
+                let number = iteration.number;
+                Some(format!(
+                    "simulation {number} failed [{class}]: {}",
+                    failure.message
+                ))
+            })
+            .unwrap_or_else(|| "a simulation failed".to_owned()),
+        StallReason::Stagnation => "its last simulations brought no improvement".to_owned(),
+        StallReason::IterationLimit => format!("it used up its {limit} simulations"),
+    };
+    let change = match reason {
+        StallReason::SimulationFailed | StallReason::Stagnation => "--damping 0.5".to_owned(),
+        StallReason::IterationLimit => format!("--set step1.max_iterations={}", 2 * limit),
+    };
+    let (id, of, run) = (
+        &record.plan.id,
+        folders.as_argument("--cohort "),
+        folders.run_command(),
+    );
+    format!(
+        "step 1 stalled: {why}\n  the patient goes on from simulation {}; from the stored simulations, with other \
+         settings: `cardiotwin rerun {id} --from step1 {change}{of}`, then {run}; also --bounds \
+         NAME=LOW,HIGH, a shorter solver.time_step_ms or solver.shortest_step_ms, and on a cluster a longer \
+         walltime\n",
+        step1.best_iteration
+    )
 }
 
 /// Table of the patient's jobs, and the consequence of the last one.

@@ -3,7 +3,7 @@
 use super::Books;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
-use cardiotwin_schemas::record::Step1Quality;
+use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
@@ -75,9 +75,13 @@ impl Books {
                     {
                         verdict.to_string()
                     }
-                    (Some(verdict), Some(summary)) => format!("step 1 {summary}; {verdict}"),
+                    (Some(verdict), Some(summary)) => {
+                        format!("step 1 {summary}{}; {verdict}", why_stalled(summary))
+                    }
                     (Some(verdict), None) => verdict.to_string(),
-                    (None, Some(summary)) => format!("not verified; step 1 {summary}"),
+                    (None, Some(summary)) => {
+                        format!("not verified; step 1 {summary}{}", why_stalled(summary))
+                    }
                     (None, None) => String::new(),
                 };
             }
@@ -149,5 +153,17 @@ fn column(step: Step) -> String {
         Stage::Step1Proposal => Stage::Step1.to_string(),
         Stage::Step3Proposal => Stage::Step3.to_string(),
         stage => stage.to_string(),
+    }
+}
+
+/// Why step 1 stalled, in brackets; empty for a converged step 1.
+fn why_stalled(summary: &Step1Summary) -> &'static str {
+    match summary.quality {
+        Step1Quality::Converged => "",
+        Step1Quality::Stalled { reason } => match reason {
+            StallReason::Stagnation => " (no further improvement; `explain` says what to do)",
+            StallReason::SimulationFailed => " (a simulation failed; `explain` says what to do)",
+            StallReason::IterationLimit => " (iteration limit; `explain` says what to do)",
+        },
     }
 }
