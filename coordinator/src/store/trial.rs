@@ -26,7 +26,7 @@ pub enum TrialError {
 /// Tries two writers on a new database in `directory`. The file is left there.
 ///
 /// # Errors
-/// [`TrialError`] if an operation went wrong or both writers got the lock.
+/// `TrialError` if an operation went wrong or both writers got the lock.
 pub async fn try_locks(directory: &Path) -> Result<(), TrialError> {
     let options = SqliteConnectOptions::new()
         .filename(directory.join("trial.db"))
