@@ -8,6 +8,8 @@ mod settings;
 #[path = "documents/worked_changes.rs"]
 mod worked_changes;
 
+mod built;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -163,18 +165,7 @@ fn make_targets_exist() {
 
 /// Help of one of the project's programs, built beside this test.
 fn help(program: &str, arguments: &[&str]) -> Option<String> {
-    let this = std::env::current_exe().expect("this test has a path");
-    let file = this
-        .parent()
-        .and_then(Path::parent)
-        .expect("tests lie in deps/, programs above")
-        .join(program);
-    assert!(
-        file.exists(),
-        "{} is missing: cargo build --release --locked --workspace --bins",
-        file.display()
-    );
-    let output = Command::new(&file)
+    let output = Command::new(built::binary(program))
         .args(arguments)
         .arg("--help")
         .output()

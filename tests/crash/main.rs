@@ -2,6 +2,8 @@
 //! an uninterrupted one: nothing lost, nothing published twice, no finished task started again.
 
 mod book;
+#[path = "../built.rs"]
+mod built;
 mod scene;
 
 use rustix::process::Signal;

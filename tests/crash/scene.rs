@@ -16,14 +16,9 @@ pub const DRIVER: &str = env!("CARGO_BIN_EXE_crash-driver");
 /// Time limit far beyond the needs of a slow machine, which only a fault exceeds.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Path of the worker's executable, beside the driver.
+/// Path of the worker's executable.
 pub fn worker() -> String {
-    let path = Path::new(DRIVER).with_file_name("cardiotwin-worker");
-    assert!(
-        path.is_file(),
-        "{} is not there: `cargo build --release --workspace --bins` first",
-        path.display()
-    );
+    let path = crate::built::binary("cardiotwin-worker");
     path.to_string_lossy().into_owned()
 }
 

@@ -4,7 +4,8 @@
 
 mod access;
 mod afterload;
-mod book;
+#[path = "../built.rs"]
+mod built;
 mod damage;
 mod discover;
 mod early_end;

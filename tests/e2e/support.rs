@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
+pub use crate::built::binary;
+
 /// Patients of the small cohort, taken from the bundled one.
 pub const PATIENTS: [&str; 2] = ["01-CoA", "02-CoA"];
 
@@ -19,22 +21,6 @@ const QUICK: &str = "\nworkflow.until = \"step2-verification\"\n[step2]\nseed = 
 /// too large to collapse.
 const SLOW: &str =
     "\n[step2]\nseed = 3\npopsize = 500\nmax_generations = 1000000\ntol = 0.0\npolish = false\n";
-
-/// Path of a built binary, which is beside the folder of the running test.
-pub fn binary(name: &str) -> PathBuf {
-    let test = std::env::current_exe().expect("a test knows its own path");
-    let path = test
-        .parent()
-        .and_then(Path::parent)
-        .expect("tests lie in target/PROFILE/deps")
-        .join(name);
-    assert!(
-        path.is_file(),
-        "{} is not there: `cargo build --release --workspace --bins` first",
-        path.display()
-    );
-    path
-}
 
 /// Time limit far beyond the needs of a slow machine, which only a fault exceeds.
 const PATIENCE: Duration = Duration::from_secs(600);
