@@ -1,7 +1,7 @@
 //! Content hashes: SHA-256 over canonical JSON (object keys sorted) and over files.
 
 use std::fs::File;
-use std::io;
+use std::io::{self, BufReader};
 use std::path::Path;
 
 use serde::Serialize;
@@ -20,7 +20,10 @@ pub fn sha256_hex(bytes: &[u8]) -> String {
 /// Any error of the file system.
 pub fn sha256_of_file(file: &Path) -> io::Result<String> {
     let mut hash = Sha256::new();
-    io::copy(&mut File::open(file)?, &mut hash)?;
+    io::copy(
+        &mut BufReader::with_capacity(1 << 20, File::open(file)?),
+        &mut hash,
+    )?;
     Ok(hex(&hash.finalize()))
 }
 

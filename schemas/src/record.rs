@@ -186,6 +186,18 @@ pub enum StallReason {
     IterationLimit,
 }
 
+impl StallReason {
+    /// The reason in words.
+    #[must_use]
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Stagnation => "the cost no longer decreased",
+            Self::SimulationFailed => "a simulation failed",
+            Self::IterationLimit => "the limit of iterations was reached",
+        }
+    }
+}
+
 /// Quality of step 1's result. A stalled step 1 still gives a result, which is marked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "quality", rename_all = "kebab-case")]

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, BufReader, Read};
 
 use cardiotwin_input_files::MaxBytes;
-use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::hash::{hex, sha256_hex};
 use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::{Quantity, Trace, parse_trace};
 use sha2::{Digest as _, Sha256};
@@ -60,14 +60,7 @@ impl<'a> Verifying<'a> {
     pub fn verify(mut self) -> Result<(), TaskError> {
         let input = self.input;
         io::copy(&mut self, &mut io::sink()).map_err(|source| missing(input, source))?;
-        compare(
-            input,
-            self.hash
-                .finalize()
-                .iter()
-                .map(|byte| format!("{byte:02x}"))
-                .collect(),
-        )
+        compare(input, hex(&self.hash.finalize()))
     }
 }
 

@@ -73,14 +73,13 @@ fn make(target: &Path, is_shared: bool) -> Result<(), CliError> {
     let scratch = own.parent().unwrap_or(own);
     fs::create_dir_all(scratch).map_err(CliError::file("create", scratch))?;
     let mode = if is_shared { 0o770 } else { 0o700 };
-    match fs::DirBuilder::new().mode(mode).create(own) {
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => check(own)?,
-        made => made.map_err(CliError::file("create", own))?,
+    for folder in [own, target] {
+        match fs::DirBuilder::new().mode(mode).create(folder) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => check(folder)?,
+            made => made.map_err(CliError::file("create", folder))?,
+        }
     }
-    match fs::DirBuilder::new().mode(mode).create(target) {
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => check(target),
-        made => made.map_err(CliError::file("create", target)),
-    }
+    Ok(())
 }
 
 /// Refuses a folder that somebody else made, or a link in its place.

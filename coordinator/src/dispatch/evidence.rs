@@ -52,55 +52,53 @@ fn evidence_of(directory: &Path, text: String) -> Evidence {
             };
         }
     };
-    if let Some(found) = seal::broken(&outcome, &text) {
-        let stated = outcome.sha256.unwrap_or_default();
-        let reason = format!(
-            "{} was changed after its worker wrote it: found SHA-256 {found}, expected {stated}; \
-             it is refused and the task is repeated (files of attempts must not be edited; change \
-             settings or input instead)",
-            path.display()
-        );
+    if let Some(reason) = damage(directory, &outcome, &text) {
         return Evidence::Nothing {
             class: FailureClass::Site,
             reason,
         };
     }
-    for artefact in &outcome.artefacts {
-        let file = directory.join(&artefact.file);
-        let found = fs::metadata(&file).map(|m| m.len()).ok();
-        if found != Some(artefact.bytes) {
-            let found = found.map_or("does not exist".to_owned(), |n| format!("has {n} bytes"));
-            let reason = format!(
-                "{} {found}, but its outcome says {} bytes",
-                file.display(),
-                artefact.bytes
-            );
-            return Evidence::Nothing {
-                class: FailureClass::Site,
-                reason,
-            };
-        }
-        if artefact.bytes > LARGEST_HASHED_BYTES {
-            continue;
-        }
-        let found = sha256_of_file(&file).unwrap_or_else(|error| error.to_string());
-        if found != artefact.sha256 {
-            let reason = format!(
-                "{} was changed after its worker wrote it: found SHA-256 {found}, expected {}; its \
-                 outcome is refused and the task is repeated",
-                file.display(),
-                artefact.sha256
-            );
-            return Evidence::Nothing {
-                class: FailureClass::Site,
-                reason,
-            };
-        }
-    }
     Evidence::Outcome {
         outcome: Box::new(outcome),
         text,
     }
+}
+
+/// Why an outcome is refused: it or one of its files is not as its worker left it; `None` if all are.
+fn damage(directory: &Path, outcome: &TaskOutcome, text: &str) -> Option<String> {
+    if let Some(found) = seal::broken(outcome, text) {
+        return Some(format!(
+            "{} was changed after its worker wrote it: found SHA-256 {found}, expected {}; it is \
+             refused and the task is repeated (files of attempts must not be edited; change settings \
+             or input instead)",
+            directory.join(names::OUTCOME).display(),
+            outcome.sha256.as_deref().unwrap_or_default()
+        ));
+    }
+    outcome.artefacts.iter().find_map(|artefact| {
+        let file = directory.join(&artefact.file);
+        let found = fs::metadata(&file).map(|m| m.len()).ok();
+        if found != Some(artefact.bytes) {
+            let found = found.map_or("does not exist".to_owned(), |n| format!("has {n} bytes"));
+            return Some(format!(
+                "{} {found}, but its outcome says {} bytes",
+                file.display(),
+                artefact.bytes
+            ));
+        }
+        if artefact.bytes > LARGEST_HASHED_BYTES {
+            return None;
+        }
+        let found = sha256_of_file(&file).unwrap_or_else(|error| error.to_string());
+        (found != artefact.sha256).then(|| {
+            format!(
+                "{} was changed after its worker wrote it: found SHA-256 {found}, expected {}; its \
+                 outcome is refused and the task is repeated",
+                file.display(),
+                artefact.sha256
+            )
+        })
+    })
 }
 
 /// Reads the claim on an attempt.

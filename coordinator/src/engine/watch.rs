@@ -1,12 +1,16 @@
 //! Reading of the `progress.jsonl` of running attempts, and workers that write none.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::formats::PROGRESS;
+use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::progress::Progress;
+
+use crate::dispatch::Evidence;
 
 /// A worker is hung after so many times the longest time between two of its reports.
 const PATIENCE: u32 = 10;
@@ -15,9 +19,75 @@ const LEAST_PATIENCE: Duration = Duration::from_secs(600);
 /// Patience before a second report: a large mesh is set up in silence.
 const FIRST_PATIENCE: Duration = Duration::from_secs(1800);
 
+/// The running attempts of a loop.
+#[derive(Debug, Default)]
+pub struct Watch {
+    tails: HashMap<AttemptId, Tail>,
+    /// Attempts whose workers are being killed as hung, with the reason.
+    hung: HashMap<AttemptId, String>,
+}
+
+/// Findings of a look at the running attempts.
+#[derive(Debug, Default)]
+pub struct Look {
+    /// Attempts with new progress.
+    pub progress: Vec<(AttemptId, Progress)>,
+    /// Attempts without progress for too long, with the reason to kill their workers.
+    pub hung: Vec<(AttemptId, String)>,
+}
+
+impl Watch {
+    /// Starts watching the attempt in `directory`.
+    pub fn begin(&mut self, attempt: &AttemptId, directory: &Path) {
+        self.tails.insert(attempt.clone(), Tail::of(directory));
+    }
+
+    /// Whether the attempt is watched.
+    #[must_use]
+    pub fn has(&self, attempt: &AttemptId) -> bool {
+        self.tails.contains_key(attempt)
+    }
+
+    /// Reads the progress of all watched attempts.
+    ///
+    /// - `timeout_s`: `executor.hang_timeout_s` of an attempt
+    pub fn look(&mut self, timeout_s: impl Fn(&AttemptId) -> Option<f64>, now: Instant) -> Look {
+        let mut look = Look::default();
+        for (attempt, tail) in &mut self.tails {
+            let progress = tail.next().map(|progress| (attempt.clone(), progress));
+            look.progress.extend(progress);
+            if let Some(why) = tail.hung(timeout_s(attempt), now)
+                && !self.hung.contains_key(attempt)
+            {
+                look.hung.push((attempt.clone(), why));
+            }
+        }
+        look
+    }
+
+    /// Notes that the attempt's worker is being killed as hung.
+    pub fn kills(&mut self, attempt: AttemptId, why: String) {
+        self.hung.insert(attempt, why);
+    }
+
+    /// Stops watching an attempt that ended. A killed worker leaves no evidence but the reason.
+    pub fn ended(&mut self, attempt: &AttemptId, evidence: &mut Evidence) {
+        self.leaves(attempt);
+        if let (Some(why), Evidence::Nothing { reason, .. }) = (self.hung.remove(attempt), evidence)
+        {
+            *reason = why;
+        }
+    }
+
+    /// Stops watching an attempt that is out of sight.
+    pub fn leaves(&mut self, attempt: &AttemptId) {
+        self.tails.remove(attempt);
+    }
+}
+
 /// Reader of one attempt's progress.
 #[derive(Debug)]
-pub struct Tail {
+struct Tail {
     path: PathBuf,
     offset: u64,
     /// Time of the last growth, or of the opening.
@@ -30,8 +100,7 @@ pub struct Tail {
 
 impl Tail {
     /// Starts reading the progress of the attempt in `directory`.
-    #[must_use]
-    pub fn of(directory: &Path) -> Self {
+    fn of(directory: &Path) -> Self {
         Self {
             path: directory.join(cardiotwin_protocol::names::PROGRESS),
             offset: 0,
@@ -43,8 +112,7 @@ impl Tail {
 
     /// Why the worker is considered hung at the time `now`; `None` if it is not. `timeout_s` is
     /// `executor.hang_timeout_s`.
-    #[must_use]
-    pub fn hung(&self, timeout_s: Option<f64>, now: Instant) -> Option<String> {
+    fn hung(&self, timeout_s: Option<f64>, now: Instant) -> Option<String> {
         let patience = match timeout_s {
             Some(0.0) => return None,
             Some(timeout_s) => Duration::from_secs_f64(timeout_s),
@@ -59,7 +127,7 @@ impl Tail {
 
     /// The last complete line since the previous call; `None` if there is none. Progress is only
     /// informative, so unreadable lines are skipped.
-    pub fn next(&mut self) -> Option<Progress> {
+    fn next(&mut self) -> Option<Progress> {
         let mut file = File::open(&self.path).ok()?;
         if file.metadata().ok()?.len() <= self.offset {
             return None;

@@ -1,9 +1,9 @@
 //! A TOML file as a tree that contains the position of every key.
 
-use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_signals::{Position, Problem};
 use toml::de::{DeTable, DeValue};
 

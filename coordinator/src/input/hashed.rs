@@ -1,8 +1,8 @@
 //! A file of the input with the hash of its content.
 
-use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::path::{Path, PathBuf};
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::Problem;

@@ -1,8 +1,8 @@
 //! A folder of recordings: `prepare.toml` and the files that it names, read and checked.
 
-use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::path::{Path, PathBuf};
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_recordings::cine::{Cine, CineError};
 use cardiotwin_recordings::recording::{Channels, Recording, RecordingError};
 use cardiotwin_recordings::table::{Table, Wanted, parse};

@@ -1,7 +1,7 @@
 //! The section of a patient.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
-use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality, Step3Ending};
+use cardiotwin_schemas::record::{PatientRecord, Step1Quality, Step3Ending};
 use maud::{Markup, html};
 
 use super::convergence;
@@ -74,14 +74,6 @@ pub fn step1_words(patient: &PatientRecord) -> String {
     }
 }
 
-fn reason_words(reason: StallReason) -> &'static str {
-    match reason {
-        StallReason::Stagnation => "the cost no longer decreased",
-        StallReason::SimulationFailed => "a simulation failed",
-        StallReason::IterationLimit => "the limit of iterations was reached",
-    }
-}
-
 /// Summary of the steps in a few sentences.
 fn summary(patient: &PatientRecord) -> Markup {
     let view = PatientView(patient);
@@ -102,7 +94,7 @@ fn summary(patient: &PatientRecord) -> Markup {
                 Some(s) => {
                     "Step 1 " (match s.quality {
                         Step1Quality::Converged => format!("converged (cost {} at iteration {} of {}", significant(s.cost, 3), s.best_iteration, patient.iterations.len()),
-                        Step1Quality::Stalled { reason } => format!("stalled, because {}; iteration {} of {} was selected (cost {}", reason_words(reason), s.best_iteration, patient.iterations.len(), significant(s.cost, 3)),
+                        Step1Quality::Stalled { reason } => format!("stalled, because {}; iteration {} of {} was selected (cost {}", reason.words(), s.best_iteration, patient.iterations.len(), significant(s.cost, 3)),
                     })
                     @if let Some(first) = s.first_converged { @if first != s.best_iteration { ", within the tolerance from iteration " (first) } }
                     "): " (errors(Step::Step1)) ". "

@@ -102,28 +102,24 @@ fn of_stall(record: &PatientRecord, folders: &Folders) -> String {
     let Step1Quality::Stalled { reason } = step1.quality else {
         return String::new();
     };
-    let limit = record.plan.settings.step1.max_iterations;
-    let why = match reason {
-        StallReason::SimulationFailed => record
-            .iterations
-            .iter()
-            .rev()
-            .find_map(|iteration| {
-                let failure = iteration.failure.as_ref()?;
-                let class = failure.class.as_str();
-                let number = iteration.number;
-                Some(format!(
-                    "simulation {number} failed [{class}]: {}",
-                    failure.message
-                ))
-            })
-            .unwrap_or_else(|| "a simulation failed".to_owned()),
-        StallReason::Stagnation => "its last simulations brought no improvement".to_owned(),
-        StallReason::IterationLimit => format!("it used up its {limit} simulations"),
+    let failed = record.iterations.iter().rev().find_map(|iteration| {
+        let failure = iteration.failure.as_ref()?;
+        let (number, class) = (iteration.number, failure.class.as_str());
+        Some(format!(
+            "simulation {number} failed [{class}]: {}",
+            failure.message
+        ))
+    });
+    let why = match (reason, failed) {
+        (StallReason::SimulationFailed, Some(failed)) => failed,
+        _ => reason.words().to_owned(),
     };
     let change = match reason {
         StallReason::SimulationFailed | StallReason::Stagnation => "--damping 0.5".to_owned(),
-        StallReason::IterationLimit => format!("--set step1.max_iterations={}", 2 * limit),
+        StallReason::IterationLimit => {
+            let limit = record.plan.settings.step1.max_iterations;
+            format!("--set step1.max_iterations={}", 2 * limit)
+        }
     };
     let (id, of, run) = (
         &record.plan.id,

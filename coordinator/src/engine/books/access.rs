@@ -132,7 +132,7 @@ impl Books {
         }
     }
 
-    /// Makes a patient inactive who is no longer in the cohort.
+    /// Makes a patient inactive who is no longer in the cohort. Returns whether it was active.
     pub fn retire(&mut self, i: usize) -> bool {
         let was_active = std::mem::take(&mut self.patients[i].row.active);
         if was_active {

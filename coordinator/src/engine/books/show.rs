@@ -3,7 +3,7 @@
 use super::Books;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
-use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
+use cardiotwin_schemas::record::{Step1Quality, Step1Summary};
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
@@ -157,13 +157,11 @@ fn column(step: Step) -> String {
 }
 
 /// Why step 1 stalled, in brackets; empty for a converged step 1.
-fn why_stalled(summary: &Step1Summary) -> &'static str {
+fn why_stalled(summary: &Step1Summary) -> String {
     match summary.quality {
-        Step1Quality::Converged => "",
-        Step1Quality::Stalled { reason } => match reason {
-            StallReason::Stagnation => " (no further improvement; `explain` says what to do)",
-            StallReason::SimulationFailed => " (a simulation failed; `explain` says what to do)",
-            StallReason::IterationLimit => " (iteration limit; `explain` says what to do)",
-        },
+        Step1Quality::Converged => String::new(),
+        Step1Quality::Stalled { reason } => {
+            format!(" ({}; `explain` says what to do)", reason.words())
+        }
     }
 }

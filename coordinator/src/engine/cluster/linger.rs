@@ -19,13 +19,10 @@ use crate::store::cluster_jobs::Lingering;
 impl<S: Scheduler> Cluster<S> {
     /// Notes that an element ended by its drivers' word.
     pub(super) fn ended_by_its_word(&mut self, name: &str, element: usize) {
-        let Some(row) = self.books.jobs().rows().get(name) else {
-            return;
-        };
-        let element = u32::try_from(element).unwrap_or(u32::MAX);
+        let element = self.wanted(name, element).element;
         self.report.lingering.push(Lingering {
             name: name.to_owned(),
-            element: row.spec.is_array.then_some(element),
+            element,
             since_ms: self.books.now_ms(),
             id: None,
             is_cancelled: false,

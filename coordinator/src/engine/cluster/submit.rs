@@ -1,6 +1,9 @@
 //! Executes the committed actions of a tick: fences, cancellations, submissions. Every action may
 //! be executed twice.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
 use cardiotwin_schemas::allocation::{JobOrder, JobPatient, KnownTask, Standing};
 use cardiotwin_schemas::formats;
 use cardiotwin_slurm::answers::Exit;
@@ -23,7 +26,6 @@ use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_workflow::cluster_job::{Element, JobEvent, Submission};
 use cardiotwin_workflow::task::Task;
-use std::path::Path;
 
 /// Whether submission continues in this tick.
 enum Room {
@@ -109,26 +111,25 @@ impl<S: Scheduler> Cluster<S> {
         wanted: Vec<(i64, String, usize)>,
         kept: &mut Vec<(i64, Action)>,
     ) -> Result<(), EngineError> {
-        let (mut numbers, mut names) = (Vec::new(), Vec::new());
+        let mut of_jobs: BTreeMap<&str, BTreeSet<usize>> = BTreeMap::new();
         for (_, name, element) in &wanted {
+            of_jobs.entry(name).or_default().insert(*element);
+        }
+        let (mut numbers, mut names) = (Vec::new(), Vec::new());
+        for (name, elements) in of_jobs {
             let Some(row) = self.books.jobs().rows().get(name) else {
                 continue;
             };
-            match &row.state.submission {
-                Submission::Accepted { job: Some(job) }
-                    if row.spec.is_array && !is_whole(row, &wanted) =>
-                {
-                    numbers.push(JobId::element(
-                        *job,
-                        u32::try_from(*element).unwrap_or(u32::MAX),
-                    ));
+            match row.state.submission {
+                Submission::Accepted { job: Some(job) } if goes_on_without(row, &elements) => {
+                    let number = |&element| u32::try_from(element).unwrap_or(u32::MAX);
+                    let elements = elements.iter().map(number);
+                    numbers.extend(elements.map(|element| JobId::element(job, element)));
                 }
-                Submission::Accepted { job: Some(job) } => numbers.push(JobId::single(*job)),
+                Submission::Accepted { job: Some(job) } => numbers.push(JobId::single(job)),
                 _ => names.extend(JobName::new(name).ok()),
             }
         }
-        numbers.sort_unstable();
-        numbers.dedup();
         let numbers = (!numbers.is_empty()).then(|| commands::cancel(&numbers));
         let mut done = !self.leaves_slurm_alone();
         if done {
@@ -361,15 +362,11 @@ pub fn script_of(
     script::write(&job, queue, site)
 }
 
-/// Whether every element of the array that is not over is among the `wanted` ones.
-fn is_whole(row: &JobRow, wanted: &[(i64, String, usize)]) -> bool {
-    let is_wanted = |element: usize| {
-        wanted
-            .iter()
-            .any(|(_, name, e)| *name == row.name && *e == element)
-    };
-    let states = row.state.elements.iter().enumerate();
-    states
-        .filter(|(_, state)| !matches!(state, Element::Over { .. }))
-        .all(|(element, _)| is_wanted(element))
+/// Whether the job is an array of which elements go on that are not among these.
+fn goes_on_without(row: &JobRow, elements: &BTreeSet<usize>) -> bool {
+    let mut states = row.state.elements.iter().enumerate();
+    row.spec.is_array
+        && states.any(|(element, state)| {
+            !matches!(state, Element::Over { .. }) && !elements.contains(&element)
+        })
 }

@@ -6,16 +6,15 @@ mod tests;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs;
-use std::io::{self, Read as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_protocol::names;
 use cardiotwin_schemas::formats::OUTCOME;
-use cardiotwin_schemas::hash::hex;
+use cardiotwin_schemas::hash::sha256_of_file;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::TaskOutcome;
 use serde::Serialize;
-use sha2::{Digest as _, Sha256};
 
 use cardiotwin_workflow::task::Task;
 pub use classes::Class;
@@ -342,7 +341,7 @@ pub async fn archive(
     done.copied.add(back_up(run_dir, &database).await?);
     manifest.push_str(&format!(
         "{}  {DATABASE_FILE}\n",
-        hash_of(&database).map_err(file_error("read", &database))?
+        sha256_of_file(&database).map_err(file_error("read", &database))?
     ));
     for entry in entries(run_dir, &standings)? {
         let is_lock =
@@ -362,8 +361,8 @@ pub async fn archive(
         fs::File::open(&to)
             .and_then(|copy| copy.sync_all())
             .map_err(file_error("write", &to))?;
-        let hash = hash_of(&from).map_err(file_error("read", &from))?;
-        let copied = hash_of(&to).map_err(file_error("read", &to))?;
+        let hash = sha256_of_file(&from).map_err(file_error("read", &from))?;
+        let copied = sha256_of_file(&to).map_err(file_error("read", &to))?;
         if hash != copied {
             let message = format!(
                 "{} changed while it was copied: check that nobody works on the run",
@@ -378,14 +377,4 @@ pub async fn archive(
     fs::write(&file, manifest).map_err(file_error("write", &file))?;
     fs::rename(&draft, target).map_err(file_error("create", target))?;
     Ok(done)
-}
-
-fn hash_of(file: &Path) -> io::Result<String> {
-    let (mut file, mut hash, mut piece) = (fs::File::open(file)?, Sha256::new(), vec![0; 1 << 20]);
-    loop {
-        match file.read(&mut piece)? {
-            0 => return Ok(hex(&hash.finalize())),
-            n => hash.update(&piece[..n]),
-        }
-    }
 }

@@ -31,8 +31,11 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
             }
         }
         for (attempt, why) in seen.hung {
-            self.errands.push(Errand::Kill(attempt.clone()));
-            self.hung.insert(attempt, why);
+            self.errands.push(Errand::Stop {
+                attempt: attempt.clone(),
+                by_force: true,
+            });
+            self.watch.kills(attempt, why);
         }
         for item in seen.news {
             match item {
@@ -68,7 +71,10 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         }
         if self.leaving.is_some() {
             let running = self.running.keys().cloned();
-            self.errands.extend(running.map(Errand::Stop));
+            self.errands.extend(running.map(|attempt| Errand::Stop {
+                attempt,
+                by_force: false,
+            }));
         }
     }
 
@@ -206,12 +212,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     }
 
     fn ended(&mut self, attempt: &AttemptId, mut evidence: Evidence) {
-        self.tails.remove(attempt);
-        if let (Some(why), Evidence::Nothing { reason, .. }) =
-            (self.hung.remove(attempt), &mut evidence)
-        {
-            *reason = why;
-        }
+        self.watch.ended(attempt, &mut evidence);
         let Some(waiters) = self.running.remove(attempt) else {
             return;
         };
@@ -236,7 +237,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     }
 
     fn leave(&mut self, attempt: &AttemptId, why: &str) {
-        self.tails.remove(attempt);
+        self.watch.leaves(attempt);
         for patient in self.running.remove(attempt).unwrap_or_default() {
             self.left.insert(patient, why.to_owned());
         }

@@ -28,7 +28,7 @@ use super::books::attempt_directory;
 use super::files_seen::FilesSeen;
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
-use super::watch::Tail;
+use super::watch::Watch;
 use super::{EngineError, StopLevel, StopSignal};
 use crate::clock::utc_text;
 use crate::dispatch::slurm::folder::{self, JobFolder};
@@ -111,8 +111,7 @@ pub async fn drive_job<E: Executor>(
         now_ms: surroundings.clock.now_ms(),
         wanted: HashMap::new(),
         running: HashMap::new(),
-        tails: HashMap::new(),
-        hung: HashMap::new(),
+        watch: Watch::default(),
         errands: Vec::new(),
         met: Vec::new(),
         has_run_errands: false,
@@ -197,10 +196,7 @@ struct InJobLoop<'a, E, W> {
     wanted: HashMap<AttemptId, Wanted>,
     /// Running attempts, with the patients that wait for each.
     running: HashMap<AttemptId, Vec<usize>>,
-    /// Progress of the running attempts.
-    tails: HashMap<AttemptId, Tail>,
-    /// Attempts whose workers are being killed as hung, with the reason.
-    hung: HashMap<AttemptId, String>,
+    watch: Watch,
     /// Errands of the last decision.
     errands: Vec<Errand>,
     /// Results of the last errands, which the next turn observes.
@@ -230,10 +226,8 @@ enum Errand {
     Revoke(AttemptId),
     /// Leave a note that the driver was told to stop.
     NoteAskedToEnd,
-    /// End the worker of a running attempt, which may write its checkpoint.
-    Stop(AttemptId),
-    /// Kill the worker of a running attempt.
-    Kill(AttemptId),
+    /// End the worker of a running attempt. Unless by force, it may write its checkpoint.
+    Stop { attempt: AttemptId, by_force: bool },
 }
 
 /// Result of an errand.
@@ -360,27 +354,15 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         self.order.run_dir.join(attempt_directory(attempt))
     }
 
-    /// Reads the progress of the running attempts and returns those that make none.
+    /// Running attempts whose workers make no progress, with the reason.
     fn hung_workers(&mut self) -> Vec<(AttemptId, String)> {
-        let now = Instant::now();
-        let mut hung = Vec::new();
-        for (attempt, tail) in &mut self.tails {
-            tail.next();
-            let patient = self
-                .running
-                .get(attempt)
-                .and_then(|waiting| waiting.first());
-            let timeout_s = patient.and_then(|&patient| {
-                let settings = &self.order.patients[patient].plan.settings;
-                settings.executor.hang_timeout_s
-            });
-            if let Some(why) = tail.hung(timeout_s, now)
-                && !self.hung.contains_key(attempt)
-            {
-                hung.push((attempt.clone(), why));
-            }
-        }
-        hung
+        let (running, order) = (&self.running, &self.order);
+        let timeout_s = |attempt: &AttemptId| {
+            let patient = *running.get(attempt)?.first()?;
+            let settings = &order.patients[patient].plan.settings;
+            settings.executor.hang_timeout_s
+        };
+        self.watch.look(timeout_s, Instant::now()).hung
     }
 
     /// Reads what is in a directory that was there before.
@@ -426,13 +408,9 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
             Errand::NoteAskedToEnd => self
                 .folder
                 .note_asked_to_end(self.place.element, self.place.node),
-            Errand::Stop(attempt) => {
+            Errand::Stop { attempt, by_force } => {
                 let directory = self.directory(&attempt);
-                self.executor.stop(&attempt, &directory, false)?;
-            }
-            Errand::Kill(attempt) => {
-                let directory = self.directory(&attempt);
-                self.executor.stop(&attempt, &directory, true)?;
+                self.executor.stop(&attempt, &directory, by_force)?;
             }
         }
         Ok(())
@@ -463,7 +441,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         }
         self.pass("after an attempt's directory was made")?;
         self.ledger.start(&attempt, spec.task.kind());
-        self.tails.insert(attempt.clone(), Tail::of(&directory));
+        self.watch.begin(&attempt, &directory);
         self.executor.submit(Order { spec, directory }).await?;
         if let Some(wanted) = self.wanted.remove(&attempt) {
             self.running.insert(attempt, wanted.patients);

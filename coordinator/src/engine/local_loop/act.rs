@@ -10,7 +10,6 @@ use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 use super::LocalLoop;
 use crate::dispatch::{DispatchError, Evidence, Executor, News, Order};
 use crate::engine::books::AttemptEntry;
-use crate::engine::watch::Tail;
 use crate::engine::{EngineError, StopLevel, cores, overlay, requests};
 use crate::store::outbox::Action;
 
@@ -67,8 +66,7 @@ impl<E: Executor> LocalLoop<E> {
         // running.
         let wanted =
             |a: &AttemptEntry| !a.state.is_final() && !matches!(a.state, Attempt::Cancelling);
-        let wanted =
-            self.books.attempt(attempt).is_some_and(wanted) && !self.tails.contains_key(attempt);
+        let wanted = self.books.attempt(attempt).is_some_and(wanted) && !self.watch.has(attempt);
         let Some(task) = self.books.task(&attempt.task).filter(|_| wanted) else {
             return Ok(());
         };
@@ -99,7 +97,7 @@ impl<E: Executor> LocalLoop<E> {
         {
             Ok(id) => {
                 self.submitted += 1;
-                self.tails.insert(attempt.clone(), Tail::of(&directory));
+                self.watch.begin(attempt, &directory);
                 self.books
                     .attempt_event(attempt, AttemptEvent::Accepted { id })
             }

@@ -12,7 +12,6 @@ use super::{Beginning, LocalLoop, Sight};
 use crate::dispatch::{Evidence, Executor, Found, News};
 use crate::engine::books::AttemptEntry;
 use crate::engine::decider::Circumstance;
-use crate::engine::watch::Tail;
 use crate::engine::{EngineError, EngineEvent, StopLevel, cores, requests, worker_identity};
 use crate::store::outbox::Action;
 
@@ -56,7 +55,7 @@ impl<E: Executor> LocalLoop<E> {
         }
         for (attempt, why) in seen.hung {
             self.to_end.push((attempt.clone(), true));
-            self.hung.insert(attempt, why);
+            self.watch.kills(attempt, why);
         }
         self.take_stop(seen.stop);
         Ok(())
@@ -95,12 +94,7 @@ impl<E: Executor> LocalLoop<E> {
                 mut evidence,
                 claim,
             } => {
-                self.tails.remove(&attempt);
-                if let (Some(why), Evidence::Nothing { reason, .. }) =
-                    (self.hung.remove(&attempt), &mut evidence)
-                {
-                    *reason = why;
-                }
+                self.watch.ended(&attempt, &mut evidence);
                 if let Some(claim) = claim {
                     self.books.claimed(&attempt, claim);
                 }
@@ -124,7 +118,7 @@ impl<E: Executor> LocalLoop<E> {
                 self.books
                     .attempt_event(attempt, AttemptEvent::Seen { id })?;
                 let directory = self.books.directory(attempt);
-                self.tails.insert(attempt.clone(), Tail::of(&directory));
+                self.watch.begin(attempt, &directory);
                 return Ok(true);
             }
             Found::Over { evidence, claim } => {

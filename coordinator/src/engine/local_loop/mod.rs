@@ -6,7 +6,6 @@ mod decide;
 mod observe;
 mod shutdown;
 
-use std::collections::HashMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -21,7 +20,7 @@ use super::files_seen::FilesSeen;
 use super::requests::Pending;
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
-use super::watch::Tail;
+use super::watch::Watch;
 use super::{EngineError, EventSender, RunSummary, StopLevel, StopSignal};
 use crate::dispatch::{Executor, Found, News};
 use crate::store::Writer;
@@ -44,8 +43,7 @@ pub struct LocalLoop<E> {
     adopted: usize,
     /// Number of attempts that the executor would take, when it was last observed.
     room: usize,
-    tails: HashMap<AttemptId, Tail>,
-    hung: HashMap<AttemptId, String>,
+    watch: Watch,
     /// Ends of attempts that could not be submitted: news of the next turn.
     failed_submissions: Vec<News>,
     /// Attempts that were stopped and have no process whose end would be reported: to be examined
@@ -127,8 +125,7 @@ impl<E: Executor> LocalLoop<E> {
             is_beginning: true,
             adopted: 0,
             room: 0,
-            tails: HashMap::new(),
-            hung: HashMap::new(),
+            watch: Watch::default(),
             failed_submissions: Vec::new(),
             stopped_unwatched: Vec::new(),
             to_end: Vec::new(),

@@ -94,16 +94,8 @@ impl<E: Executor> LocalLoop<E> {
     fn look_around(&mut self, seen: &mut Sight) -> Result<(), EngineError> {
         seen.requests = requests::pending(self.books.run_dir())?;
         let timeout_s = self.settings.hang_timeout_s;
-        for (attempt, tail) in &mut self.tails {
-            if let Some(progress) = tail.next() {
-                seen.progress.push((attempt.clone(), progress));
-            }
-            if let Some(why) = tail.hung(timeout_s, seen.at)
-                && !self.hung.contains_key(attempt)
-            {
-                seen.hung.push((attempt.clone(), why));
-            }
-        }
+        let look = self.watch.look(|_| timeout_s, seen.at);
+        (seen.progress, seen.hung) = (look.progress, look.hung);
         let attempts = self.books.attempts().iter();
         let unseen = attempts.filter(|(_, a)| matches!(a.state, Attempt::Unknown { .. }));
         let unseen = unseen.map(|(id, _)| id.clone()).collect();
