@@ -17,6 +17,10 @@ pub struct CohortFile {
     /// Folder that contains one folder per patient, relative to `cohort.toml`.
     #[serde(default = "patients_folder")]
     pub patients: String,
+    /// Whether keys may name files outside the cohort's folder. Set it only if you trust the
+    /// patients' files.
+    #[serde(default)]
+    pub allow_outside: bool,
     /// Values for patient files that lack them.
     #[serde(default)]
     pub defaults: PatientDefaults,

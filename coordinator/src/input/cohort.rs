@@ -1,9 +1,10 @@
 //! A cohort's folder: `cohort.toml`, a folder per patient, and the effects accepted for them.
 
-use cardiotwin_input_files::{self as input_files, MaxBytes};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_schemas::cohort::CohortFile;
 use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::patient::PatientFile;
@@ -14,8 +15,9 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::document::Document;
-use super::layers::{COMMAND_LINE, Layer, Merged, Origin, RERUN, position_of, positions};
+use super::layers::{Layer, Merged, Origin, place, position_of, positions};
 use super::nearest::nearest;
+use super::outside::{self, Bounds};
 use super::report::Report;
 use super::{data, mesh, patient, ranges, resolve, shape};
 
@@ -42,7 +44,7 @@ pub struct Cohort {
     /// Description in one sentence.
     pub description: String,
     /// Settings of the cohort, without any patient's own settings.
-    pub settings: Merged,
+    pub settings: Arc<Merged>,
     /// Patients in the order of their folders' names.
     pub patients: Vec<Patient>,
 }
@@ -52,8 +54,8 @@ pub struct Cohort {
 pub struct Patient {
     /// Pseudonym of the patient, which is its folder's name.
     pub id: String,
-    /// Settings from all layers.
-    pub settings: Merged,
+    /// Settings from all layers. Patients without settings of their own share the cohort's.
+    pub settings: Arc<Merged>,
     /// Path of patient.toml, and the position of each of its keys.
     pub positions: (PathBuf, BTreeMap<String, Position>),
     /// Content of patient.toml, before defaults and estimates fill it.
@@ -115,7 +117,7 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     let cohort_layer = Layer::from_file(&file.layer(), &document, "");
     let defaults = Layer::defaults();
     let layers = [&defaults, &cohort_layer, &command_line];
-    let merged = merged(layers, &path, None, report)?;
+    let merged = Arc::new(merged(layers, &path, None, report)?);
     complain(&merged, None, report);
     check_defaults(&file, &document, report);
     let folders = patient_folders(directory, &file, &document, report);
@@ -134,6 +136,7 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
             cohort: &cohort_layer,
             overrides,
             command_line: &command_line,
+            of_cohort: &merged,
             folder: directory,
             meshes: options.meshes,
         };
@@ -179,6 +182,7 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
         name: id.clone(),
         description: String::new(),
         patients: String::new(),
+        allow_outside: false,
         defaults: Default::default(),
         solver: None,
         step1: None,
@@ -191,11 +195,13 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
     };
     let nothing = Layer::default();
     let defaults = Layer::defaults();
+    let of_cohort = Arc::new(merged([&defaults], folder, None, report)?);
     let layers = Layers {
         defaults: &defaults,
         cohort: &nothing,
         overrides: None,
         command_line: &nothing,
+        of_cohort: &of_cohort,
         folder,
         meshes: false,
     };
@@ -224,6 +230,8 @@ struct Layers<'a> {
     cohort: &'a Layer,
     overrides: Option<Layer>,
     command_line: &'a Layer,
+    /// The layers of all patients, merged and checked.
+    of_cohort: &'a Arc<Merged>,
     /// Folder of the cohort.
     folder: &'a Path,
     /// Whether meshes are read and checked, as in [`Options::meshes`].
@@ -247,20 +255,30 @@ fn load_patient(
         "settings",
     );
     let overrides = layers.overrides.unwrap_or_default();
-    // A rerun applies to one patient and overrides settings that apply to all.
-    let all = [
-        layers.defaults,
-        layers.cohort,
-        &own,
-        layers.command_line,
-        &overrides,
-    ];
-    let settings = merged(all, &document.file, Some(id), report)?;
-    complain(&settings, Some((id, &document)), report);
+    let settings = if own.is_empty() && overrides.is_empty() {
+        Arc::clone(layers.of_cohort)
+    } else {
+        // A rerun applies to one patient and overrides settings that apply to all.
+        let all = [
+            layers.defaults,
+            layers.cohort,
+            &own,
+            layers.command_line,
+            &overrides,
+        ];
+        let settings = merged(all, &document.file, Some(id), report)?;
+        complain(&settings, Some((id, &document)), report);
+        Arc::new(settings)
+    };
     patient::check_completeness(&file, &settings.settings, &document, report);
-    data::check(&file, folder, &document, &cohort.defaults, report);
-    if layers.meshes && settings.settings.solver.fidelity == Fidelity::FiniteElement {
-        mesh::check(&file, folder, &settings, &document, report);
+    let folders = (folder, layers.folder);
+    let bounds = Bounds::of([folder, layers.folder], cohort.allow_outside);
+    let has_strays = outside::check(&file, folders, &settings, &bounds, &document, report);
+    if !has_strays {
+        data::check(&file, folder, &document, &cohort.defaults, report);
+        if layers.meshes && settings.settings.solver.fidelity == Fidelity::FiniteElement {
+            mesh::check(&file, folder, &settings, &document, report);
+        }
     }
     let overlay = overlay(id, folder, report);
     let resolved = if report.has_error_of(id) {
@@ -268,7 +286,7 @@ fn load_patient(
     } else {
         resolve::resolve(
             &file,
-            (folder, layers.folder),
+            folders,
             &cohort.defaults,
             &settings.settings,
             overlay.as_ref(),
@@ -359,16 +377,8 @@ fn complain(merged: &Merged, patient: Option<(&str, &Document)>, report: &mut Re
             Origin::Rerun => true,
             _ => false,
         });
-        let (file, at, prefix) = match origin {
-            Origin::File(file, at) => (
-                file.as_path(),
-                Some(*at),
-                if own.is_some() { "settings." } else { "" },
-            ),
-            Origin::Rerun => (Path::new(RERUN), None, ""),
-            Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None, ""),
-        };
-        let key = format!("{prefix}{}", complaint.key);
+        let document = patient.map(|(_, document)| document);
+        let (file, at, key) = place(origin, &complaint.key, document);
         let problem = Problem::error(file, complaint.found, complaint.expected, complaint.remedy);
         report.add(own.map(|(id, _)| id), problem.at_key(key).at(at));
     }

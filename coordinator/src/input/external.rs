@@ -1,6 +1,6 @@
 //! Checks of `[solver.external]`, and hashes of the files that it names.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::external::{
     COMMAND_PLACEHOLDERS, ExternalSettings, PlaceholderError, expand,
@@ -204,6 +204,17 @@ impl List {
     }
 }
 
+/// Path of one of the solver's files: in the patient's folder if it exists there, otherwise in the
+/// cohort's.
+pub(super) fn file(name: &str, patient_folder: &Path, cohort_folder: &Path) -> PathBuf {
+    let own = patient_folder.join(name);
+    if own.exists() {
+        own
+    } else {
+        cohort_folder.join(name)
+    }
+}
+
 /// The solver's files with their hashes, from the patient's folder if they exist there, otherwise
 /// from the cohort's. A file that cannot be read becomes a problem in `report`, and the result is
 /// `None`.
@@ -219,12 +230,7 @@ pub(super) fn files(
     }
     let mut found = vec![];
     for (name, file) in &settings.solver.external.files {
-        let own = patient_folder.join(file);
-        let path = if own.exists() {
-            own
-        } else {
-            cohort_folder.join(file)
-        };
+        let path = self::file(file, patient_folder, cohort_folder);
         if path.is_dir() {
             let problem = Problem::error(
                 &path,

@@ -217,6 +217,19 @@ impl Merged {
             .map_or(&Origin::Default, |(_, origin)| origin)
     }
 
+    /// A problem with a setting, at the place where it was set.
+    ///
+    /// - `document`: `patient.toml`, in which settings stand below `[settings]`
+    /// - `said`: what was found, what was expected, what to do
+    #[must_use]
+    pub fn problem(&self, key: &str, document: Option<&Document>, said: [&str; 3]) -> Problem {
+        let (file, at, key) = place(self.origin(key), key, document);
+        let [found, expected, remedy] = said;
+        Problem::error(file, found, expected, remedy)
+            .at_key(key)
+            .at(at)
+    }
+
     /// All leaves with dotted key, value and origin.
     #[must_use]
     pub fn leaves(&self) -> Vec<(String, Value, Origin)> {
@@ -266,6 +279,24 @@ pub fn positions(root: &Node, prefix: &str) -> BTreeMap<String, Position> {
 #[must_use]
 pub fn position_of(document: &Document, key: &str) -> Option<Position> {
     positions(&document.root, "").get(key).copied()
+}
+
+/// Place of a setting: file, position, and the key as it stands there.
+///
+/// - `document`: `patient.toml`, in which settings stand below `[settings]`
+pub(super) fn place<'a>(
+    origin: &'a Origin,
+    key: &str,
+    document: Option<&Document>,
+) -> (&'a Path, Option<Position>, String) {
+    match origin {
+        Origin::File(file, at) if document.is_some_and(|document| document.file == *file) => {
+            (file, Some(*at), format!("settings.{key}"))
+        }
+        Origin::File(file, at) => (file, Some(*at), key.to_owned()),
+        Origin::Rerun => (Path::new(RERUN), None, key.to_owned()),
+        Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None, key.to_owned()),
+    }
 }
 
 fn insert(table: &mut BTreeMap<String, Node>, key: &str, value: Node) {

@@ -17,7 +17,7 @@ use cardiotwin_signals::{BeatBiomarkers, Continuation, Problem, Quantity, Trace,
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::document::Document;
-use super::layers::{COMMAND_LINE, Merged, Origin, RERUN, position_of};
+use super::layers::{Merged, position_of};
 use super::report::Report;
 
 /// Surfaces of a generated mesh.
@@ -52,7 +52,7 @@ pub fn check(
             let remedy = "set it in [settings] of the patients whose meshes have the surface";
             report.add(
                 named(folder),
-                at_setting(settings, document, name, [found, &expected, remedy]),
+                settings.problem(&sprung(name), Some(document), [found, &expected, remedy]),
             );
         }
         return;
@@ -102,10 +102,9 @@ pub fn check(
                     let said = [defect.found(), defect.expected(), defect.remedy()];
                     report.add(
                         patient,
-                        at_setting(
-                            settings,
-                            document,
-                            name,
+                        settings.problem(
+                            &self::sprung(name),
+                            Some(document),
                             said.each_ref().map(String::as_str),
                         ),
                     );
@@ -137,31 +136,13 @@ pub fn check(
 /// Table of the springs by surface.
 const SPRUNG: &str = "solver.finite_element.wall.surface";
 
-fn named(folder: &Path) -> Option<&str> {
-    folder.file_name().and_then(|name| name.to_str())
+/// Key of a surface's springs.
+fn sprung(name: &str) -> String {
+    format!("{SPRUNG}.{name}")
 }
 
-/// A problem of a surface's springs, at the place where they were set.
-fn at_setting(
-    settings: &Merged,
-    document: &Document,
-    name: &str,
-    [found, expected, remedy]: [&str; 3],
-) -> Problem {
-    let key = format!("{SPRUNG}.{name}");
-    let (file, at) = match settings.origin(&key) {
-        Origin::File(file, at) => (file.as_path(), Some(*at)),
-        Origin::Rerun => (Path::new(RERUN), None),
-        Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None),
-    };
-    let prefix = if *file == document.file {
-        "settings."
-    } else {
-        ""
-    };
-    Problem::error(file, found, expected, remedy)
-        .at_key(format!("{prefix}{key}"))
-        .at(at)
+fn named(folder: &Path) -> Option<&str> {
+    folder.file_name().and_then(|name| name.to_str())
 }
 
 fn with_ending(path: &Path, ending: &str) -> std::path::PathBuf {

@@ -16,6 +16,7 @@ mod hashed;
 mod layers;
 mod mesh;
 mod nearest;
+mod outside;
 mod patient;
 mod ranges;
 mod raw;

@@ -346,6 +346,74 @@ fn an_overlay_must_be_the_patients_own_and_its_effects_are_taken() {
 }
 
 #[test]
+fn an_empty_cut_or_foreign_model_is_said() {
+    let folder = Folder::new(COHORT, &[("P1", PATIENT)]);
+    let path = folder.path().join("patients/P1/model.toml");
+    let whole = "schema_version = 1\npatient = \"P1\"\nwritten = \"2026-01-01\"\n";
+    std::fs::write(&path, "").unwrap();
+    let said = folder.said();
+    assert!(
+        said.iter().any(|line| line.contains("model.toml")),
+        "{said:?}"
+    );
+    std::fs::write(&path, &whole[..30]).unwrap();
+    let said = folder.said();
+    assert!(
+        said.iter().any(|line| line.contains("model.toml:2")),
+        "{said:?}"
+    );
+    std::fs::write(&path, "[tool.poetry]\nname = \"foreign\"\n").unwrap();
+    let said = folder.said();
+    assert!(
+        said.iter().any(|line| line.contains("model.toml:1")),
+        "{said:?}"
+    );
+}
+
+#[test]
+fn files_outside_the_cohort_are_read_only_if_the_cohort_allows_it() {
+    let outside = tempfile::tempdir().unwrap();
+    write_traces(outside.path());
+    let named = PATIENT.replace(
+        "\"pressure.csv\"",
+        &format!("{:?}", outside.path().join("pressure.csv")),
+    );
+    let folder = Folder::new(COHORT, &[("P1", &named)]);
+    only(
+        &folder.said(),
+        &[
+            "patient.toml:5",
+            "measured.pressure",
+            "outside the cohort",
+            "allow_outside",
+        ],
+    );
+    let allowed = format!("{COHORT}allow_outside = true\n");
+    assert_eq!(
+        Folder::new(&allowed, &[("P1", &named)]).said(),
+        Vec::<String>::new()
+    );
+
+    // A link is followed before it is judged; a linked folder of a patient is the user's own doing.
+    let folder = Folder::new(COHORT, &[("P1", PATIENT)]);
+    let volume = folder.path().join("patients/P1/volume.csv");
+    std::fs::remove_file(&volume).unwrap();
+    std::os::unix::fs::symlink(outside.path().join("volume.csv"), &volume).unwrap();
+    only(
+        &folder.said(),
+        &["patient.toml:6", "measured.volume", "outside the cohort"],
+    );
+    let elsewhere = Folder::new(COHORT, &[("P1", PATIENT)]);
+    std::fs::remove_dir_all(folder.path().join("patients/P1")).unwrap();
+    std::os::unix::fs::symlink(
+        elsewhere.path().join("patients/P1"),
+        folder.path().join("patients/P1"),
+    )
+    .unwrap();
+    assert_eq!(folder.said(), Vec::<String>::new());
+}
+
+#[test]
 fn an_unknown_patient_is_refused_with_the_nearest() {
     let options = Options {
         only: vec!["P11".into()],

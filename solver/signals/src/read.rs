@@ -140,13 +140,13 @@ impl Parser<'_> {
         let mut reader = csv::ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)
-            .trim(csv::Trim::All)
             .comment(Some(b'#'))
             .from_reader(self.bytes);
-        let mut records = reader.records();
-        let first = match records.next() {
-            Some(Ok(record)) => record,
-            Some(Err(cause)) => {
+        // One record serves all lines: cohorts have thousands of traces.
+        let mut record = csv::StringRecord::new();
+        let columns = match reader.read_record(&mut record) {
+            Ok(true) => self.columns(&record)?,
+            Err(cause) => {
                 self.error(
                     format!("text that is not CSV ({cause})"),
                     header(self.column),
@@ -154,7 +154,7 @@ impl Parser<'_> {
                 );
                 return None;
             }
-            None => {
+            Ok(false) => {
                 self.error(
                     "an empty file".into(),
                     header(self.column),
@@ -163,13 +163,13 @@ impl Parser<'_> {
                 return None;
             }
         };
-        let columns = self.columns(&first)?;
         let mut told = Told::default();
         let mut samples = Vec::new();
         let mut sound = true;
-        for record in records {
-            match record {
-                Ok(record) => match self.sample(&record, &columns, &mut told) {
+        loop {
+            match reader.read_record(&mut record) {
+                Ok(false) => break,
+                Ok(true) => match self.sample(&record, &columns, &mut told) {
                     Some(sample) => samples.push(sample),
                     None => sound = false,
                 },
@@ -214,7 +214,7 @@ impl Parser<'_> {
 
     /// Positions of time and value in a line.
     fn columns(&mut self, first: &csv::StringRecord) -> Option<Columns> {
-        let names: Vec<&str> = first.iter().collect();
+        let names: Vec<&str> = first.iter().map(str::trim).collect();
         let shown = names.join(",");
         let expected = format!("the header {}", header(self.column));
         let line = self.line(first.position());
@@ -342,7 +342,7 @@ impl Parser<'_> {
     ) -> Option<Sample> {
         let line = self.line(record.position());
         if record.len() != columns.n {
-            let shown: Vec<&str> = record.iter().collect();
+            let shown: Vec<&str> = record.iter().map(str::trim).collect();
             let problem = Problem::error(
                 self.file,
                 format!("{} fields in `{}`", record.len(), shown.join(",")),
@@ -353,8 +353,8 @@ impl Parser<'_> {
             return None;
         }
         let (value_column, unit) = (self.column, self.quantity.unit());
-        let time_ms = self.number(line, &record[columns.time], "time_ms", "ms", told);
-        let value = self.number(line, &record[columns.value], value_column, unit, told);
+        let time_ms = self.number(line, record[columns.time].trim(), "time_ms", "ms", told);
+        let value = self.number(line, record[columns.value].trim(), value_column, unit, told);
         let (time_ms, value) = (time_ms?, value?);
         if self.quantity == Quantity::Calcium && value < 0.0 {
             let problem = Problem::error(

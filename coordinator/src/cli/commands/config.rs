@@ -75,7 +75,7 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
     let cohort = input::load(&cohort_dir, &options, &mut report);
     problems::say(&report, talk);
     let merged: Option<&Merged> = cohort.as_ref().and_then(|cohort| match &args.patient {
-        Some(_) => cohort.patients.first().map(|patient| &patient.settings),
+        Some(_) => cohort.patients.first().map(|patient| &*patient.settings),
         None => Some(&cohort.settings),
     });
     let Some(merged) = merged else {

@@ -148,7 +148,10 @@ pub async fn archive(args: &ArchiveArgs, talk: &Talk) -> Result<Exit, CliError> 
 fn default_archive(folders: &Folders) -> Result<PathBuf, CliError> {
     let cohort = folders.cohort.as_ref().and_then(|folder| {
         let cohort = input::load(folder, &Options::default(), &mut Report::default())?;
-        Some((cohort.name, cohort.settings.settings.executor.archive?))
+        Some((
+            cohort.name,
+            cohort.settings.settings.executor.archive.clone()?,
+        ))
     });
     let Some((name, folder)) = cohort.filter(|(_, folder)| folder.is_absolute()) else {
         let message = "no folder for the archive: name one with --to, or set executor.archive to an \

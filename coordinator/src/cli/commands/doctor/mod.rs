@@ -96,7 +96,7 @@ fn scratch_of(folders: &Folders) -> Option<PathBuf> {
         .as_ref()
         .filter(|cohort| cohort.join("cohort.toml").is_file())?;
     let cohort = input::load(cohort, &Options::default(), &mut Report::default())?;
-    cohort.settings.settings.executor.scratch
+    cohort.settings.settings.executor.scratch.clone()
 }
 
 fn table(findings: &[Finding], talk: &Talk) -> String {
