@@ -25,6 +25,12 @@ pub struct Evidence<'a> {
     pub traces: OwnTraces,
 }
 
+impl Evidence<'_> {
+    fn logs_any_of(&self, messages: &[&str]) -> bool {
+        messages.iter().any(|words| self.log_tail.contains(words))
+    }
+}
+
 /// Class of an ending; `None` if the coordinator cancelled the job or it completed.
 #[must_use]
 pub fn classify(evidence: &Evidence<'_>) -> Option<FailureCause> {
@@ -90,9 +96,7 @@ pub fn is_open(evidence: &Evidence<'_>) -> bool {
 }
 
 fn ran_out_of_memory(evidence: &Evidence<'_>) -> bool {
-    OUT_OF_MEMORY
-        .iter()
-        .any(|words| evidence.log_tail.contains(words))
+    evidence.logs_any_of(OUT_OF_MEMORY)
 }
 
 /// Messages of slurmstepd and the kernel before they kill a process for its memory.
@@ -106,9 +110,25 @@ const OUT_OF_MEMORY: &[&str] = &[
 
 /// Whether a step says that one of its nodes, or the daemon of a node, failed.
 fn lost_a_node(evidence: &Evidence<'_>) -> bool {
-    NODE_FAILURE
-        .iter()
-        .any(|words| evidence.log_tail.contains(words))
+    evidence.logs_any_of(NODE_FAILURE)
+}
+
+/// Nodes that failed under a job, in Slurm's notation; empty if nothing tells them apart from the job's
+/// other nodes. Slurm gives no job to a node that is down, so that an unnamed one need not be avoided.
+///
+/// - `nodes`: all nodes of the job
+#[must_use]
+pub fn failed_nodes(nodes: &str, log_tail: &str) -> String {
+    if !nodes.contains(['[', ',']) {
+        return nodes.to_owned();
+    }
+    let told = log_tail.split(NODE_FAILURE[0]).skip(1);
+    let mut named: Vec<&str> = told
+        .filter_map(|rest| rest.split_whitespace().next())
+        .collect();
+    named.sort_unstable();
+    named.dedup();
+    named.join(",")
 }
 
 /// Messages of srun and slurmstepd about a node that does not answer any more.
@@ -171,12 +191,14 @@ pub enum Next {
     },
 }
 
-/// Decides on the consequence of an ending. `progressed`: whether the checkpoint is further than
-/// the previous attempt's.
+/// Decides on the consequence of an ending.
+///
+/// - `failed`: nodes that failed, as far as they are known, in Slurm's notation
+/// - `progressed`: whether the checkpoint is further than the previous attempt's
 #[must_use]
 pub fn next(
     class: FailureCause,
-    ended_on: &str,
+    failed: &str,
     progressed: bool,
     given: &Given,
     spent: Spent,
@@ -232,24 +254,19 @@ pub fn next(
                 "out of memory with one rank on a whole node: use more nodes or a coarser mesh",
             ),
         },
+        FailureCause::NodeFailure if failed.is_empty() => again(
+            true,
+            given.clone(),
+            free,
+            "node failure: Slurm gives no job to a node that is down".to_owned(),
+        ),
         FailureCause::NodeFailure => {
             let mut given = given.clone();
-            if !ended_on.is_empty() && !given.excluded.iter().any(|nodes| nodes == ended_on) {
-                given.excluded.push(ended_on.to_owned());
+            if !given.excluded.iter().any(|nodes| nodes == failed) {
+                given.excluded.push(failed.to_owned());
             }
-            again(
-                true,
-                given,
-                free,
-                format!(
-                    "node failure on {}: excluded from now on",
-                    if ended_on.is_empty() {
-                        "a node"
-                    } else {
-                        ended_on
-                    }
-                ),
-            )
+            let why = format!("node failure on {failed}: excluded from now on");
+            again(true, given, free, why)
         }
         FailureCause::Preemption => again(true, given.clone(), free, "preempted".to_owned()),
         FailureCause::Cancelled => stays("cancelled by a person: not repeated until requested"),
@@ -298,7 +315,9 @@ fn more_memory(given: &Given) -> Option<(Given, String)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Budgets, Evidence, FailureCause, Given, Next, Spent, classify, is_open, next};
+    use super::{
+        Budgets, Evidence, FailureCause, Given, Next, Spent, classify, failed_nodes, is_open, next,
+    };
     use crate::answers::{accounting, queue, recorded};
     use crate::cancelled::OwnTraces;
     use crate::job_status::{JobStatus, Wanted, of};
@@ -351,6 +370,27 @@ mod tests {
         };
         assert!(!is_open(&evidence), "accounting tells: {name}");
         classify(&evidence)
+    }
+
+    #[test]
+    fn of_several_nodes_only_those_are_avoided_that_failed() {
+        assert_eq!(failed_nodes("n3", ""), "n3");
+        assert_eq!(failed_nodes("n[1-4]", "DUE TO NODE FAILURE, SEE"), "");
+        let log = "srun: error: Node failure on n3\nsrun: error: Node failure on n3\n";
+        assert_eq!(failed_nodes("n[1-4]", log), "n3");
+        assert_eq!(failed_nodes("", ""), "");
+        let unnamed = next(
+            FailureCause::NodeFailure,
+            "",
+            true,
+            &given(),
+            Spent::default(),
+            BUDGETS,
+        );
+        assert!(
+            matches!(&unnamed, Next::Again { given: same, .. } if *same == given()),
+            "{unnamed:?}"
+        );
     }
 
     #[test]

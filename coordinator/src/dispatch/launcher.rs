@@ -152,9 +152,17 @@ impl Launcher {
             .args(options)
             .args(arguments)
             .arg(worker);
+        if Family::of(program) == Family::Srun && std::env::var_os(PMIX_FENCE).is_none() {
+            command.env(PMIX_FENCE, "tree");
+        }
         command
     }
 }
+
+/// Variable that chooses how the nodes of a step wait for each other in Slurm's PMIx plugin. The
+/// plugin's own choice, two algorithms in turn, lets ranks leave `MPI_Init` before others are ready,
+/// which crashes Open MPI (3 of 100 starts on four nodes; docs/mpi.md).
+const PMIX_FENCE: &str = "SLURM_PMIX_FENCE";
 
 /// Places of a job, free and taken.
 #[derive(Debug, Clone)]

@@ -24,7 +24,7 @@ use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
 use crate::store::patients::REFUSED;
 use books::Books;
-use cluster::{Cluster, load_site};
+use cluster::Cluster;
 use decider::Decider;
 use local_loop::LocalLoop;
 use requests::Request;
@@ -69,7 +69,8 @@ pub use cardiotwin_workflow::cell_fit::contraction;
 #[cfg(feature = "dev")]
 pub use cluster::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
 pub use cluster::{
-    DiskNeed, PlannedRow, PlannedRun, QueueReport, SiteReport, examine_site, preview,
+    DiskNeed, NoQueue, PlannedRow, PlannedRun, QueueReport, SiteReport, examine_site, load_site,
+    preview, without_queue,
 };
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};

@@ -78,12 +78,15 @@ pub enum Element {
 }
 
 /// Ending of an element.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Ending {
     /// Cause of a failure; `None` if the element ended in order or was not wanted any more.
     pub cause: Option<FailureCause>,
     /// Description for a person.
     pub words: String,
+    /// Nodes that failed, as far as they are known, in Slurm's notation.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub failed_nodes: String,
 }
 
 /// Event of a job. The first two are commands, the others observations.
@@ -292,6 +295,7 @@ impl ClusterJob {
                     let ending = Ending {
                         cause: Some(FailureCause::Lost),
                         words: format!("given up: {why}"),
+                        ..Ending::default()
                     };
                     *state = Element::Over { ending };
                     actions.extend([JobAction::Fence(element), JobAction::Cancel(element)]);
@@ -312,6 +316,7 @@ impl ClusterJob {
                 ending: Ending {
                     cause,
                     words: why.to_owned(),
+                    ..Ending::default()
                 },
             };
         }
@@ -335,6 +340,7 @@ mod tests {
         Ending {
             cause,
             words: "so".into(),
+            ..Ending::default()
         }
     }
 

@@ -1,5 +1,6 @@
 //! `cardiotwin check`: all errors of the input that can be found before anything runs.
 
+use cardiotwin_schemas::settings::ExecutorKind;
 use clap::Args;
 use serde::Serialize;
 
@@ -8,7 +9,8 @@ use crate::cli::exit::Exit;
 use crate::cli::place::Place;
 use crate::cli::problems;
 use crate::cli::talk::{Talk, count};
-use crate::input::{self, Finding, Options, Report};
+use crate::engine::{load_site, without_queue};
+use crate::input::{self, Cohort, Finding, Options, Report};
 
 /// Check cohort, patients, settings, measured data and patients' own meshes, and list all problems
 #[derive(Debug, Args)]
@@ -54,6 +56,9 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
         ..Options::default()
     };
     let cohort = input::load(&cohort_dir, &options, &mut report);
+    if let Some(cohort) = &cohort {
+        queues(cohort, &mut report);
+    }
     let (errors, warnings) = (report.n_errors(), report.n_warnings());
     let n_patients = cohort.as_ref().map_or(0, |cohort| cohort.patients.len());
     if args.json {
@@ -89,4 +94,35 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     } else {
         Exit::Ok
     })
+}
+
+/// Reports threads or ranks that no queue of the site gives.
+fn queues(cohort: &Cohort, report: &mut Report) {
+    let executor = &cohort.settings.settings.executor;
+    if executor.kind != ExecutorKind::Slurm {
+        return;
+    }
+    let site = match load_site(&executor.slurm) {
+        Ok(site) => site,
+        Err(error) => {
+            let said = [
+                &error.to_string(),
+                "a site with a profile",
+                "correct the profile, or name another site",
+            ];
+            report.add(
+                None,
+                cohort.settings.problem("executor.slurm.site", None, said),
+            );
+            return;
+        }
+    };
+    let plans = cohort.patients.iter().filter_map(|p| p.resolved.as_ref());
+    if let Some(no_queue) = without_queue(plans, &site, executor) {
+        let said = [&*no_queue.found, &no_queue.expected, no_queue.remedy];
+        report.add(
+            None,
+            cohort.settings.problem("executor.threads", None, said),
+        );
+    }
 }

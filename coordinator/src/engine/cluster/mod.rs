@@ -26,6 +26,7 @@ mod place;
 mod preview;
 mod profile;
 mod settle;
+mod share;
 mod standing;
 mod submit;
 #[cfg(test)]
@@ -67,6 +68,7 @@ pub use measure::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_clu
 use mesh_size::MeshSizes;
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
+pub use share::{NoQueue, without_queue};
 use standing::Settlement;
 
 /// Stages of a tick. A stage that finds nothing is skipped.

@@ -10,7 +10,7 @@ use cardiotwin_slurm::answers::queue::{self, QueueRow};
 use cardiotwin_slurm::answers::{NoAnswer, Table};
 use cardiotwin_slurm::cancelled::OwnTraces;
 use cardiotwin_slurm::commands;
-use cardiotwin_slurm::failure::{Evidence, classify, is_open};
+use cardiotwin_slurm::failure::{Evidence, classify, failed_nodes, is_open};
 use cardiotwin_slurm::job::JobName;
 use cardiotwin_slurm::job_status::{self, Accounting, Alive, Ended, JobStatus, Unknown, Wanted};
 use cardiotwin_slurm::state::SlurmState;
@@ -180,6 +180,7 @@ impl<S: Scheduler> Cluster<S> {
         let ending = Ending {
             cause: late.then_some(FailureCause::Walltime),
             words: words.to_owned(),
+            ..Ending::default()
         };
         self.ended_by_its_word(name, element);
         self.books
@@ -202,7 +203,7 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
-    fn wanted<'a>(&self, name: &'a str, element: usize) -> Wanted<'a> {
+    pub(super) fn wanted<'a>(&self, name: &'a str, element: usize) -> Wanted<'a> {
         let is_array = self
             .books
             .jobs()
@@ -377,6 +378,10 @@ impl<S: Scheduler> Cluster<S> {
             ""
         };
         let words = format!("Slurm reports {}{began}", ended.state.as_str());
+        let failed_nodes = match cause {
+            Some(FailureCause::NodeFailure) => failed_nodes(&ended.nodes, &log_tail),
+            _ => String::new(),
+        };
         self.books.job_event(
             name,
             JobEvent::Accepted {
@@ -392,7 +397,11 @@ impl<S: Scheduler> Cluster<S> {
             name,
             JobEvent::Ended {
                 element,
-                ending: Ending { cause, words },
+                ending: Ending {
+                    cause,
+                    words,
+                    failed_nodes,
+                },
             },
         )
     }
@@ -451,6 +460,7 @@ impl<S: Scheduler> Cluster<S> {
                 let ending = Ending {
                     cause: None,
                     words: "ended by request".to_owned(),
+                    ..Ending::default()
                 };
                 self.books
                     .job_event(name, JobEvent::Ended { element, ending })

@@ -4,18 +4,16 @@ use std::collections::{BTreeMap, HashSet};
 
 use cardiotwin_schemas::allocation::Steps;
 use cardiotwin_schemas::ids::TaskKey;
-use cardiotwin_schemas::plan::Workflow;
-use cardiotwin_schemas::settings::Fidelity;
 use cardiotwin_slurm::answers::queue::QueueRow;
 use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
-use cardiotwin_slurm::site::{Queue, Site, Unit, Use};
+use cardiotwin_slurm::site::{Queue, Site, Unit};
 use cardiotwin_slurm::state::Bearing;
 
+use super::share::Share;
 use super::{Cluster, Expectations};
 use crate::dispatch::slurm::Scheduler;
 use crate::engine::EngineError;
 use crate::engine::books::Books;
-use crate::engine::cores::{self, ClusterNodes};
 use crate::store::cluster_jobs::{Allotment, JobSpec, Placed};
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_workflow::patient::Patient;
@@ -37,11 +35,7 @@ pub struct PlannedJob {
 /// Key of a group of patients whose jobs get the same resources.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Like {
-    in_3d: bool,
-    /// Threads or MPI ranks of each simulation.
-    threads: u32,
-    /// Largest number of MPI ranks on a node, if simulations run on ranks.
-    ranks_per_node: Option<u32>,
+    share: Share,
     memory_mib: Option<u64>,
     lanes: Option<u32>,
     exclude: Vec<String>,
@@ -210,8 +204,6 @@ pub fn plan_jobs(
     let mut groups: BTreeMap<Like, Vec<usize>> = BTreeMap::new();
     for &i in patients {
         let plan = books.plan(i)?;
-        let in_3d = plan.workflow == Workflow::Personalise
-            && plan.settings.solver.fidelity != Fidelity::Reduced;
         let Allotment {
             memory_mib,
             lanes,
@@ -219,32 +211,9 @@ pub fn plan_jobs(
             exclude,
             ..
         } = books.jobs().allotment(books.patient(i).row.id);
-        let set = Some(settings.ranks_per_node).filter(|n| *n > 0);
-        let ranks_per_node = ranks_per_node
-            .or(set)
-            .unwrap_or(u32::MAX)
-            .min(site.node.cores);
-        let of_ranks = site.queue(settings.slurm.queue.as_deref(), Use::Simulations);
-        let nodes = ClusterNodes {
-            cores: match settings.launcher[..] {
-                [] => site.node.cores,
-                _ => ranks_per_node,
-            },
-            most: of_ranks
-                .and_then(|queue| queue.max_nodes_per_job.or(queue.nodes))
-                .unwrap_or(1),
-        };
-        let threads = cores::threads_in_job(
-            settings,
-            &plan.settings.solver,
-            expected.mesh_nodes(plan),
-            nodes,
-        );
-        let has_ranks = in_3d && threads > 1 && !settings.launcher.is_empty();
+        let mesh_nodes = expected.mesh_nodes(plan);
         let like = Like {
-            in_3d,
-            threads,
-            ranks_per_node: has_ranks.then_some(ranks_per_node),
+            share: Share::of(plan, mesh_nodes, site, settings, ranks_per_node),
             memory_mib,
             lanes,
             exclude,
@@ -254,18 +223,11 @@ pub fn plan_jobs(
     let mut jobs = Vec::new();
     let mut taken = InUse::default();
     for (like, patients) in groups {
-        let used_for = if like.in_3d {
-            Use::Simulations
-        } else {
-            Use::Chunks
-        };
-        let queue = site
-            .queue(settings.slurm.queue.as_deref(), used_for)
-            .ok_or_else(|| EngineError::Site {
-                message: format!(
-                    "site {} has no queue for {used_for:?}: add it to the `uses` of one",
-                    site.name
-                ),
+        let queue = like
+            .share
+            .queue(site, settings)
+            .map_err(|error| EngineError::Site {
+                message: error.to_string(),
             })?;
         let mut used = in_use(queue);
         used.queued += taken.queued;
@@ -278,7 +240,7 @@ pub fn plan_jobs(
             like: &like,
             used,
         };
-        let planned = if like.in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
+        let planned = if like.share.in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
             group.bundles(&patients)?
         } else {
             group.chunks(&patients)?
@@ -328,15 +290,19 @@ impl Group<'_> {
 
     /// Number of patients side by side on a whole node.
     fn lanes(&self) -> u32 {
-        let processes = self.like.ranks_per_node.unwrap_or(self.site.node.cores);
-        let fit = (processes / self.like.threads.max(1)).max(1);
+        let processes = self
+            .like
+            .share
+            .ranks_per_node
+            .unwrap_or(self.site.node.cores);
+        let fit = (processes / self.like.share.threads.max(1)).max(1);
         self.like.lanes.unwrap_or(fit).clamp(1, fit)
     }
 
     /// Steps of MPI ranks, if simulations run on ranks.
     fn steps(&self) -> Option<Steps> {
-        self.like.ranks_per_node.map(|ranks_per_node| Steps {
-            nodes: self.like.threads.div_ceil(ranks_per_node.max(1)),
+        self.like.share.ranks_per_node.map(|_| Steps {
+            nodes: self.like.share.nodes(),
             memory_mib: self
                 .site
                 .launcher
@@ -372,7 +338,7 @@ impl Group<'_> {
         let n_cores = if whole_nodes {
             self.site.node.cores
         } else {
-            self.like.threads.div_ceil(n_nodes.max(1))
+            self.like.share.threads.div_ceil(n_nodes.max(1))
         };
         let memory_mib = self
             .like
@@ -388,7 +354,7 @@ impl Group<'_> {
             n_cores,
             memory_mib: (!whole_nodes).then_some(memory_mib.min(self.site.node.memory_mib)),
             lanes,
-            threads: self.like.threads,
+            threads: self.like.share.threads,
             steps: self.steps(),
             walltime_s,
             expected_node_hours: 0.0,
@@ -469,7 +435,7 @@ impl Group<'_> {
         let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
         // Core time on a node: a patient takes as many cores as it has threads.
         let share = if whole_nodes {
-            f64::from(self.like.threads)
+            f64::from(self.like.share.threads)
         } else {
             1.0
         };

@@ -218,11 +218,6 @@ impl<S: Scheduler> Cluster<S> {
             infrastructure: self.settings.site_retries,
             free: self.settings.slurm.free_repeats,
         };
-        let nodes = row
-            .seen
-            .get(element)
-            .map(|seen| seen.nodes.clone())
-            .unwrap_or_default();
         let said = |why: &str| {
             let left = left
                 .as_ref()
@@ -234,7 +229,8 @@ impl<S: Scheduler> Cluster<S> {
                 ending.words
             )
         };
-        match failure::next(cause, &nodes, has_progressed, &given, spent, budgets) {
+        let failed = &ending.failed_nodes;
+        match failure::next(cause, failed, has_progressed, &given, spent, budgets) {
             Next::Again {
                 given: more,
                 spent,
