@@ -86,13 +86,20 @@ enum Bench {
     Orchestration(orchestration::OrchestrationArgs),
     /// Ticks over many living jobs of a modelled Slurm; status and restart of many samples
     Slurm(orchestration::SlurmArgs),
+    /// Many tasks that sleep, on the Slurm of this machine: makespan and utilisation
+    Sleepers(orchestration::sleepers::SleepersArgs),
 }
 
 fn main() -> ExitCode {
+    // Jobs of `bench sleepers` start this program as the driver of their node.
+    if std::env::args().nth(1).as_deref() == Some("drive") {
+        return cardiotwin::cli::main();
+    }
     return_large_blocks();
     let done = match Cli::parse().command {
         Command::Bench(Bench::Orchestration(args)) => orchestration::measure(&args),
         Command::Bench(Bench::Slurm(args)) => orchestration::measure_slurm(&args),
+        Command::Bench(Bench::Sleepers(args)) => orchestration::sleepers::measure(&args),
         Command::Bench(bench) => measure(bench),
         Command::MechanicsCase {
             file,
@@ -170,6 +177,8 @@ fn measure(bench: Bench) -> anyhow::Result<()> {
                 kernels::shortcuts(&beat.bench(nodes)?, threads as usize, &stop()?, report)?;
             output.print_as(&found, ToString::to_string)
         }
-        Bench::Orchestration(_) | Bench::Slurm(_) => unreachable!("measured without kernels"),
+        Bench::Orchestration(_) | Bench::Slurm(_) | Bench::Sleepers(_) => {
+            unreachable!("measured without kernels")
+        }
     }
 }

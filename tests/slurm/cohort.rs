@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 use rustix::process::{Pid, Signal};
 use serde_json::Value;
 
+pub use crate::built::binary;
 use crate::cluster::Cluster;
 
 const PROFILE: &str = r#"
@@ -68,22 +69,6 @@ pub struct Cohort<'a> {
     pub cluster: &'a Cluster,
     pub folder: tempfile::TempDir,
     settings: Vec<String>,
-}
-
-/// Path of a built program.
-pub fn binary(name: &str) -> PathBuf {
-    let test = std::env::current_exe().expect("a test knows its own path");
-    let path = test
-        .parent()
-        .and_then(Path::parent)
-        .expect("tests lie in target/PROFILE/deps")
-        .join(name);
-    assert!(
-        path.is_file(),
-        "{} is not there: `cargo build --release --workspace --bins` first",
-        path.display()
-    );
-    path
 }
 
 /// Process id in a claim; `None` if the claim is not complete yet.

@@ -1,5 +1,7 @@
 //! Classes of failure, each on the real Slurm.
 
+use std::path::Path;
+
 use rustix::process::{Pid, Signal};
 use serde_json::Value;
 
@@ -278,6 +280,49 @@ pub fn a_divergence_is_the_sciences_and_no_job_is_repeated(cluster: &Cluster) {
             .attempts_with("started.json")
             .iter()
             .all(|p| p.to_string_lossy().ends_with("-g1"))
+    );
+}
+
+/// The walk through `examples/early-end` of docs/operations.md, in jobs.
+pub fn a_simulation_in_3d_that_ends_early_is_gone_on_from(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["04-CoA"], "");
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/early-end");
+    let (settings, file) = ("cohort.toml", "patients/04-CoA/patient.toml");
+    let settings = std::fs::read_to_string(example.join(settings)).expect("the example");
+    // Steps 2 and 3 as short as possible: the walk is about step 1.
+    let text = format!(
+        "{settings}\n[step2]\n{QUICK}\n[verification]\nenabled = false\n\n[workflow]\n\
+         until = \"step2-verification\"\n\n[executor]\nkind = \"slurm\"\n\n[executor.slurm]\nsite = {:?}\n",
+        cohort.site()
+    );
+    std::fs::write(cohort.folder.path().join("cohort.toml"), text).expect("a cohort");
+    std::fs::copy(example.join(file), cohort.folder.path().join(file)).expect("a patient");
+
+    assert_eq!(cohort.finish(), 0);
+    let status = cohort.call(&["status"]).out;
+    assert!(status.contains("stalled: best iteration 2"), "{status}");
+    let explained = cohort.call(&["explain", "04-CoA"]).out;
+    let why = "step 1 stalled: simulation 3 failed [numerics]";
+    assert!(explained.contains(why), "{explained}");
+    let before = cohort.tally();
+    assert_eq!(
+        before.repeated, 0,
+        "no job repeats a divergence: {before:?}"
+    );
+
+    let rerun = ["rerun", "04-CoA", "--from", "step1", "--damping", "0.5"];
+    let said = cohort.call(&rerun);
+    assert_eq!(said.code, 0, "{said:?}");
+    assert_eq!(cohort.finish(), 0);
+    let status = cohort.call(&["status"]).out;
+    assert!(status.contains("converged"), "{status}");
+    let after = cohort.tally();
+    assert_eq!(after.twice + after.again + after.repeated, 0, "{after:?}");
+    // Two simulations, and step 2 for the other selection.
+    assert_eq!(
+        after.published,
+        before.published + 3,
+        "{before:?}, {after:?}"
     );
 }
 

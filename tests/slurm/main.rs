@@ -5,6 +5,8 @@
 //! the end, unless `SLURM_CONF` points to one whose folder was made by
 //! `deploy/one-machine-slurm.sh`. Without a Slurm the tests are skipped with a message.
 
+#[path = "../built.rs"]
+mod built;
 mod bundles;
 mod cluster;
 mod cohort;
@@ -61,6 +63,14 @@ const TESTS: &[Test] = &[
     (
         "one simulation spans nodes",
         ranks::one_simulation_spans_nodes,
+    ),
+    (
+        "a simulation over nodes loses one and is cancelled",
+        ranks::a_simulation_over_nodes_loses_one_and_is_cancelled,
+    ),
+    (
+        "ranks that run out of memory are spread",
+        ranks::ranks_that_run_out_of_memory_are_spread,
     ),
     (
         "a plan is what is submitted",
@@ -123,6 +133,10 @@ const TESTS: &[Test] = &[
     (
         "a divergence is the science's and no job is repeated",
         failures::a_divergence_is_the_sciences_and_no_job_is_repeated,
+    ),
+    (
+        "a simulation in 3D that ends early is gone on from",
+        failures::a_simulation_in_3d_that_ends_early_is_gone_on_from,
     ),
     (
         "bad input is never tried again",

@@ -145,6 +145,113 @@ pub fn four_patients_share_two_nodes_of_archer2(cluster: &Cluster) {
     }
 }
 
+/// Waits until a beat in 3D is under way that has a checkpoint.
+#[track_caller]
+fn wait_for_beat(cohort: &Cohort) {
+    cohort.cluster.wait("a checkpoint of a beat", || {
+        cohort.attempts_with("checkpoint").iter().any(|path| {
+            let spec = fs::read_to_string(path.join("spec.json")).unwrap_or_default();
+            spec.contains("organ-beat") && !path.join("outcome.json").exists()
+        })
+    });
+}
+
+/// Number of live processes that work in the cohort's folder: workers, all ranks included.
+fn n_workers(cohort: &Cohort) -> usize {
+    let folder = cohort.folder.path().join("run");
+    let processes = fs::read_dir("/proc").expect("Linux").flatten();
+    let works_there = |process: &fs::DirEntry| {
+        let command = fs::read(process.path().join("cmdline")).unwrap_or_default();
+        let command = String::from_utf8_lossy(&command).into_owned();
+        command.contains("cardiotwin-worker") && command.contains(&*folder.to_string_lossy())
+    };
+    processes.filter(works_there).count()
+}
+
+/// A simulation over two nodes loses one of them and goes on elsewhere from its checkpoint; then a
+/// person cancels it, and no rank stays behind.
+pub fn a_simulation_over_nodes_loses_one_and_is_cancelled(cluster: &Cluster) {
+    if let Some(why) = hindrance(cluster) {
+        crate::not_tested("mpi", &why);
+        return;
+    }
+    let cohort = in_3d(cluster, &["06-CoA"], "srun", 2, 1)
+        .set("executor.slurm.account=t01")
+        .set("solver.time_step_ms=0.2")
+        .set("solver.finite_element.mesh_nodes=1500");
+    archer2(&cohort, "");
+    assert_eq!(cohort.advance().code, 8);
+    wait_for_beat(&cohort);
+    // The driver runs on n1; n2 has a rank alone.
+    let spread = steps(cluster, &number_of(&cohort, 0));
+    let on_both = |step: &Step| step.n_tasks == 2 && step.nodes == "n[1-2]";
+    assert!(spread.iter().any(on_both), "{spread:?}");
+    let down = ["update", "nodename=n2", "state=down", "reason=test"];
+    cluster.slurm("scontrol", &down);
+    cluster.wait("another job", || {
+        cohort.advance();
+        cohort.jobs().len() == 2
+    });
+    cluster.wait("the beat's second attempt", || {
+        let again = cohort.attempts_with("progress.jsonl");
+        again
+            .iter()
+            .any(|path| path.to_string_lossy().ends_with("-g2"))
+    });
+    let told = cohort.call(&["explain", "06-CoA"]).out;
+    assert!(told.contains("node failure"), "{told}");
+    let spread = steps(cluster, &number_of(&cohort, 1));
+    assert!(
+        spread
+            .iter()
+            .any(|step| step.n_tasks == 2 && step.nodes == "n[1,3]"),
+        "{spread:?}"
+    );
+    let tally = cohort.tally();
+    assert_eq!((tally.repeated, tally.again), (1, 0), "{tally:?}");
+
+    let said = cohort.call(&["cancel", "--all"]);
+    assert_eq!(said.code, 0, "{said:?}");
+    assert_eq!(cluster.slurm("squeue", &["--me", "-h"]), "");
+    cluster.wait("the end of every rank", || n_workers(&cohort) == 0);
+}
+
+/// Two ranks on a node run out of its memory; then each gets a node of its own.
+pub fn ranks_that_run_out_of_memory_are_spread(cluster: &Cluster) {
+    if let Some(why) = hindrance(cluster) {
+        crate::not_tested("mpi", &why);
+        return;
+    }
+    let cohort = in_3d(cluster, &["06-CoA"], "srun", 2, 2)
+        .set("executor.slurm.account=t01")
+        .set("solver.finite_element.mesh_nodes=4000");
+    archer2(&cohort, "");
+    // A node of 128 cores gives a simulation 128 MiB.
+    cohort.change_profile("memory_per_core_mib = 1500", "memory_per_core_mib = 1");
+    assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+    cohort.assert_done();
+    let told = cohort.call(&["explain", "06-CoA"]).out;
+    assert!(told.contains("out of memory"), "{told}");
+    let nodes = |n: usize| {
+        let script = cohort.script(n);
+        let line = script.lines().find(|line| line.contains("--nodes="));
+        line.expect("a demand").to_owned()
+    };
+    let first = steps(cluster, &number_of(&cohort, 0));
+    let last = steps(cluster, &number_of(&cohort, cohort.jobs().len() - 1));
+    let pairs = |steps: &[Step]| {
+        let pairs = steps.iter().filter(|step| step.n_tasks == 2);
+        pairs.map(|step| step.nodes.clone()).collect::<Vec<_>>()
+    };
+    assert!(
+        pairs(&first).iter().all(|nodes| nodes == "n1")
+            && pairs(&last).iter().any(|nodes| nodes == "n[1-2]"),
+        "{} {first:?}, {} {last:?}",
+        nodes(0),
+        nodes(cohort.jobs().len() - 1)
+    );
+}
+
 /// One simulation over two and four nodes. A warning in the middle of a beat leaves a checkpoint,
 /// from which another job goes on, with other ranks on other nodes.
 pub fn one_simulation_spans_nodes(cluster: &Cluster) {
@@ -163,18 +270,7 @@ pub fn one_simulation_spans_nodes(cluster: &Cluster) {
         "{}",
         cohort.script(0)
     );
-    let mut beat = PathBuf::new();
-    cluster.wait("a checkpoint of a beat", || {
-        let begun = cohort.attempts_with("checkpoint");
-        let found = begun.into_iter().find(|path| {
-            let spec = fs::read_to_string(path.join("spec.json")).unwrap_or_default();
-            spec.contains("organ-beat") && !path.join("outcome.json").exists()
-        });
-        found.is_some_and(|path| {
-            beat = path;
-            true
-        })
-    });
+    wait_for_beat(&cohort);
     let job = number_of(&cohort, 0);
     cluster.slurm("scancel", &["--signal=USR1", "--batch", &job]);
     cluster.wait("the end of the job", || {

@@ -1,6 +1,7 @@
 //! Cost of the coordinator: alone, and over the jobs of a modelled Slurm.
 
 mod local;
+pub mod sleepers;
 
 use std::path::PathBuf;
 
