@@ -57,7 +57,7 @@ def commands(out, full):
                         "--set", "posterior.draws=40"]
     yield "reduced-export", ["export", seven, "--run-dir", out / "reduced", "--out", out / "reduced-export"]
     yield "predict", ["predict", "03-CoA", "--cohort", seven, "--run-dir", out / "reduced", "--json",
-                      "--set", "circulation.afterload.peripheral_resistance_mmHg_s_per_mL=-20%"]
+                      "--set", "peripheral_resistance_mmHg_s_per_mL=-20%"]
     yield "in-3d", ["run", seven, "--run-dir", out / "in-3d", "--patient", "03-CoA", "--mesh-nodes", "500", *brief]
     yield "in-3d-export", ["export", seven, "--run-dir", out / "in-3d", "--out", out / "in-3d-export"]
     yield "hidden-effect", ["discover", EXAMPLES / "hidden-effect", "--run-dir", out / "hidden-effect"]

@@ -109,6 +109,11 @@ impl Cluster {
         self.deploy("kill", Some(daemon));
     }
 
+    /// Ends a node with all its processes.
+    pub fn crash(&self, node: &str) {
+        self.deploy("crash", Some(node));
+    }
+
     /// Starts a killed daemon again.
     pub fn revive(&self, daemon: &str) {
         self.deploy("revive", Some(daemon));

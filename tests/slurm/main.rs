@@ -69,8 +69,8 @@ const TESTS: &[Test] = &[
         ranks::a_simulation_over_nodes_loses_one_and_is_cancelled,
     ),
     (
-        "ranks that run out of memory are spread",
-        ranks::ranks_that_run_out_of_memory_are_spread,
+        "ranks that run out of memory get more",
+        ranks::ranks_that_run_out_of_memory_get_more,
     ),
     (
         "a plan is what is submitted",

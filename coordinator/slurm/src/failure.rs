@@ -108,6 +108,17 @@ const OUT_OF_MEMORY: &[&str] = &[
     "Out of memory",
 ];
 
+/// Cause that a line of a log tells: the memory of a killed step, or its node; `None` for other lines.
+#[must_use]
+pub fn told_by(line: &str) -> Option<FailureCause> {
+    let has_any = |messages: &[&str]| messages.iter().any(|words| line.contains(words));
+    if has_any(OUT_OF_MEMORY) {
+        Some(FailureCause::OutOfMemory)
+    } else {
+        has_any(NODE_FAILURE).then_some(FailureCause::NodeFailure)
+    }
+}
+
 /// Whether a step says that one of its nodes, or the daemon of a node, failed.
 fn lost_a_node(evidence: &Evidence<'_>) -> bool {
     evidence.logs_any_of(NODE_FAILURE)

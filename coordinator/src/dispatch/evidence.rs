@@ -12,6 +12,7 @@ use cardiotwin_schemas::formats;
 use cardiotwin_schemas::hash::sha256_of_file;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Revocation, TaskOutcome};
+use cardiotwin_slurm::failure;
 
 use super::{DispatchError, Evidence};
 use crate::clock;
@@ -134,20 +135,27 @@ pub fn revoke(
     }
 }
 
-/// Last line of the worker's log, at most 300 characters, for error messages.
+/// Bytes at the end of a worker's log that are searched for a reason. After a killed step each rank
+/// and the launcher have their say.
+const LAST_BYTES: u64 = 16 << 10;
+
+/// A line of the worker's log for error messages, at most 300 characters: the last one that tells why
+/// a process was killed, otherwise the last one.
 pub fn last_words(directory: &Path) -> Option<String> {
     let mut file = fs::File::open(directory.join(names::LOG)).ok()?;
     let length = file.metadata().ok()?.len();
-    file.seek(SeekFrom::Start(length.saturating_sub(2000)))
+    file.seek(SeekFrom::Start(length.saturating_sub(LAST_BYTES)))
         .ok()?;
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
-    text.lines()
-        .rev()
-        .map(str::trim)
-        .find(|line| !line.is_empty())
-        .map(|line| line.chars().take(300).collect())
+    let mut lines = text.lines().rev().map(str::trim);
+    let short = |line: &str| -> String { line.chars().take(300).collect() };
+    if let Some(line) = lines.clone().find(|line| failure::told_by(line).is_some()) {
+        return Some(format!("its log says: {}", short(line)));
+    }
+    let last = lines.find(|line| !line.is_empty())?;
+    Some(format!("last line of its log: {}", short(last)))
 }
 
 #[cfg(test)]
@@ -158,6 +166,24 @@ mod tests {
     use cardiotwin_schemas::ids::TaskKey;
     use cardiotwin_schemas::outcome::{Artefact, Ending};
     use cardiotwin_schemas::provenance::Provenance;
+
+    #[test]
+    fn last_words_tell_why_a_process_was_killed() {
+        let folder = tempfile::tempdir().unwrap();
+        let said = |log: &str| {
+            fs::write(folder.path().join(names::LOG), log).unwrap();
+            last_words(folder.path())
+        };
+        assert_eq!(said("one\ntwo\n\n").unwrap(), "last line of its log: two");
+        let killed = "slurmstepd-n1: error: Step 3.0 exceeded memory limit (7 > 6), being killed\n\
+                      srun: error: n1: tasks 0-1: Killed\nsrun: launch/slurm: _step_signal: Terminating StepId=3.0\n";
+        assert!(
+            said(killed)
+                .unwrap()
+                .starts_with("its log says: slurmstepd-n1: error: Step 3.0 exceeded"),
+        );
+        assert_eq!(said("\n"), None);
+    }
 
     /// The reason why the outcome is refused; `None` for an outcome that is adopted.
     fn refused(directory: &Path) -> Option<String> {

@@ -378,10 +378,8 @@ fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
 }
 
 fn with_last_words(reason: &str, directory: &Path) -> String {
-    evidence::last_words(directory).map_or_else(
-        || reason.to_owned(),
-        |line| format!("{reason}; last line of its log: {line}"),
-    )
+    evidence::last_words(directory)
+        .map_or_else(|| reason.to_owned(), |words| format!("{reason}; {words}"))
 }
 
 /// Reports an unreadable directory as an end of class [`FailureClass::Site`], so that the engine's

@@ -199,7 +199,11 @@ impl<S: Scheduler> Cluster<S> {
             // The job ended in order: its remaining patients had too little time, or a worker that
             // died.
             None if interrupted.is_none() => FailureCause::Walltime,
-            None => FailureCause::Unexplained,
+            // The step of a simulation says why it was killed, in the words that its driver left.
+            None => {
+                let told = left.as_deref().and_then(failure::told_by);
+                told.unwrap_or(FailureCause::Unexplained)
+            }
         };
         let mut allotment = self.books.jobs().allotment(patient_id);
         let n_per_node = row.spec.processes_per_node();

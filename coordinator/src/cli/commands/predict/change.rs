@@ -129,10 +129,12 @@ fn known(key: &str) -> Result<(), String> {
         .chain(VALVE_PARAMETERS)
         .chain(CELL_PARAMETERS)
         .filter(|name| *name != "a_p_kPa");
-    let meant = nearest(key, all.clone())
-        .map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
+    let meant = nearest(key, all.clone()).map_or_else(
+        || ".".to_owned(),
+        |meant| format!("; did you mean `{meant}`?"),
+    );
     Err(format!(
-        "{key}: the model has no such quantity{meant} It has {}",
+        "{key}: the model has no such quantity{meant} It has {}.",
         all.collect::<Vec<_>>().join(", ")
     ))
 }
