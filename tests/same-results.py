@@ -45,6 +45,7 @@ VOLATILE = {
     "commit", "created", "cpu_s", "directory", "elapsed_s", "ended", "ended_at", "finished_at", "folder", "host", "made",
     "path", "pid", "profile", "program", "provenance", "run", "run_dir", "seconds", "started", "started_at", "time",
     "version", "versions", "wall_s", "worker", "worker_commit", "made_at", "written_at", "at", "rustc", "cores",
+    "time_per_iteration_HFM_s", "time_per_iteration_LFM_s",
 }
 
 
@@ -173,6 +174,43 @@ def compare(old, new):
     return len(ours & theirs), n_leaves, found
 
 
+def stages(programs, out, run_dir, cohort, patient):
+    """Hashes of a patient's artefacts by stage. Keys of later tasks change with the results before them, so that their
+    folders cannot be compared by name."""
+    called = [programs / "cardiotwin", "show", patient, "--run-dir", out / run_dir, "--cohort", cohort, "--json"]
+    answer = subprocess.run([str(a) for a in called], capture_output=True, text=True, check=False)
+    if answer.returncode:
+        return {}
+    shown = json.loads(answer.stdout)
+
+    def hashes(run):
+        return sorted((a["name"], a["sha256"]) for a in (run or {}).get("artefacts", []))
+
+    found = {stage: hashes(shown.get(key)) for stage, key in
+             {"step 0": "step0", "targets": "targets", "step 2": "cell_fit", "verification": "verification"}.items()}
+    found["step 1"] = [(i["parameters"], hashes(i.get("run"))) for i in shown["iterations"]]
+    found["step 3"] = [hashes(i.get("run")) for i in shown.get("step3_iterations") or []]
+    return {stage: value for stage, value in found.items() if value}
+
+
+def compare_stages(sides, given):
+    """Prints for each run how many patients' stages are the same to the bit."""
+    for run_dir, cohort in {"reduced": None, "posterior": None, "in-3d": None, "effects": "effects-cohort", "seven-in-3d": None}.items():
+        same, both = {}, {}
+        folder = (given.out / "new" / cohort if cohort else SEVEN) / "patients"
+        for patient in sorted(f.name for f in folder.iterdir()) if (given.out / "new" / run_dir).is_dir() else []:
+            old, new = (
+                stages(programs, (given.out / side).resolve(), run_dir, given.out / side / cohort if cohort else SEVEN, patient)
+                for side, programs in sides.items()
+            )
+            for stage in old.keys() & new.keys():
+                both[stage] = both.get(stage, 0) + 1
+                same[stage] = same.get(stage, 0) + (old[stage] == new[stage])
+        words = ", ".join(f"{stage} {same[stage]} of {both[stage]}" for stage in sorted(both))
+        if words:
+            print(f"{run_dir}: patients with the same bits in {words}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("old", type=pathlib.Path)
@@ -205,6 +243,7 @@ def main():
     n_files, n_leaves, found = compare(given.out / "old", given.out / "new")
     for file, (size, words) in sorted(found.items(), key=lambda x: -x[1][0]):
         print(f"{size:9.2e}  {file}  {words}")
+    compare_stages(sides, given)
     print(f"{n_files} files, {n_leaves} values compared: " + (f"{len(found)} files differ" if found else "the same to the bit"))
     sys.exit(1 if found else 0)
 
