@@ -123,8 +123,11 @@ with_mpi=()
 if missing=$(deploy/mpi-found.sh); then
     with_mpi=(--features cardiotwin-dev/mpi)
 fi
+# Settings of cargo beside the workspace's own: CI compiles faster.
+config=()
+[ -z "${CARDIOTWIN_CARGO_CONFIG:-}" ] || config=(--config "$CARDIOTWIN_CARGO_CONFIG")
 # One selection of packages and features for every command, so that nothing is compiled twice.
-everything=(--release --locked --workspace "${with_mpi[@]}")
+everything=(--release --locked --workspace "${with_mpi[@]}" "${config[@]}")
 
 part "build" "$CARGO" build "${everything[@]}" --lib --bins --tests
 part "unit tests, JSON Schemas are current" "$CARGO" test "${everything[@]}" --lib --bins -q -- --show-output
@@ -148,7 +151,7 @@ if command -v mdbook >/dev/null && command -v python3 >/dev/null; then
 else
     skipped "the book, its links" book "mdbook or python3 is not installed (Debian 13 has both)"
 fi
-part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace --no-deps --document-private-items
+part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
 
 # The second part: with the time that is left.
 long_part 500 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output

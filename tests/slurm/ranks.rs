@@ -226,7 +226,7 @@ pub fn ranks_that_run_out_of_memory_get_more(cluster: &Cluster) {
     }
     let cohort = in_3d(cluster, &["06-CoA"], "srun", 2, 4)
         .set("executor.slurm.account=t01")
-        .set("solver.finite_element.mesh_nodes=4000");
+        .set("solver.finite_element.mesh_nodes=2500");
     archer2(&cohort, "");
     // Half a node of 128 cores gives a simulation 64 MiB.
     cohort.change_profile("memory_per_core_mib = 1500", "memory_per_core_mib = 1");
