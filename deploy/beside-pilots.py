@@ -62,7 +62,9 @@ def parsl(options, folder):
     from parsl.launchers import SimpleLauncher
     from parsl.providers import SlurmProvider
 
-    environment = f"export PATH={Path(sys.executable).parent}:$PATH"
+    programs = Path(sys.executable).parent  # Parsl starts its own programs by name
+    os.environ["PATH"] = f"{programs}:{os.environ['PATH']}"
+    environment = f"export PATH={programs}:$PATH"
     provider = SlurmProvider(
         partition="standard", qos="standard", nodes_per_block=1, init_blocks=NODES, max_blocks=NODES, min_blocks=NODES,
         exclusive=True, walltime="01:00:00", worker_init=environment, launcher=SimpleLauncher(), cmd_timeout=30,
