@@ -10,7 +10,6 @@ mod support;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
@@ -31,13 +30,6 @@ const ALL_END_WITHIN: Duration = Duration::from_secs(10);
 fn mpirun(n_ranks: usize, arguments: &[&str]) -> Command {
     let program = env!("CARGO_BIN_EXE_cardiotwin-worker-mpi");
     launcher::mpirun(program, n_ranks, arguments)
-}
-
-/// Lets the tests take turns: ranks wait by polling, so that two simulations on two cores take far
-/// longer side by side than one after the other.
-fn in_turn() -> MutexGuard<'static, ()> {
-    static TURN: Mutex<()> = Mutex::new(());
-    TURN.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn output(mut command: Command) -> Output {
@@ -132,7 +124,6 @@ fn ranks_of(pid: u32) -> Vec<u32> {
 
 #[test]
 fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop() {
-    let _turn = in_turn();
     let folder = tempfile::tempdir().expect("a folder");
     // A mesh that is large enough for multigrid, with a given law.
     let mesh = FiniteElementSettings {
@@ -215,7 +206,6 @@ fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop()
 // One test for everything that needs the beat, because step 0 takes most of the time.
 #[test]
 fn a_beat_on_two_ranks_is_that_on_two_threads_and_ends_whole_or_with_a_checkpoint() {
-    let _turn = in_turn();
     let folder = tempfile::tempdir().expect("a folder");
     let spec = beat(folder.path(), 100.0);
     let task = TaskSpec::OrganBeat(Box::new(spec.clone()));
@@ -451,7 +441,6 @@ fn a_killed_rank_ends_all(folder: &Path, spec: &OrganBeatSpec) {
 
 #[test]
 fn a_rank_that_fails_in_any_way_ends_all_with_one_message() {
-    let _turn = in_turn();
     let cases = [
         (
             "1:panic",
@@ -507,7 +496,6 @@ fn a_rank_that_fails_in_any_way_ends_all_with_one_message() {
 
 #[test]
 fn ranks_are_counted_before_anything_is_done() {
-    let _turn = in_turn();
     let out = output(mpirun(2, &["check", "--ranks", "2"]));
     assert!(
         out.status.success() && String::from_utf8_lossy(&out.stdout).starts_with("2 ranks: 2 on "),
@@ -598,7 +586,6 @@ impl Drop for Slurm {
 
 #[test]
 fn ranks_start_in_a_slurm_allocation() {
-    let _turn = in_turn();
     let slurm = match Slurm::start() {
         Ok(slurm) => slurm,
         Err(why) => {
