@@ -25,12 +25,6 @@ pub struct Evidence<'a> {
     pub traces: OwnTraces,
 }
 
-impl Evidence<'_> {
-    fn logs_any_of(&self, messages: &[&str]) -> bool {
-        messages.iter().any(|words| self.log_tail.contains(words))
-    }
-}
-
 /// Class of an ending; `None` if the coordinator cancelled the job or it completed.
 #[must_use]
 pub fn classify(evidence: &Evidence<'_>) -> Option<FailureCause> {
@@ -96,7 +90,7 @@ pub fn is_open(evidence: &Evidence<'_>) -> bool {
 }
 
 fn ran_out_of_memory(evidence: &Evidence<'_>) -> bool {
-    evidence.logs_any_of(OUT_OF_MEMORY)
+    told_by(evidence.log_tail) == Some(FailureCause::OutOfMemory)
 }
 
 /// Messages of slurmstepd and the kernel before they kill a process for its memory.
@@ -108,10 +102,10 @@ const OUT_OF_MEMORY: &[&str] = &[
     "Out of memory",
 ];
 
-/// Cause that a line of a log tells: the memory of a killed step, or its node; `None` for other lines.
+/// Cause that a log tells: the memory of a killed step, or else a node that failed; `None` if neither.
 #[must_use]
-pub fn told_by(line: &str) -> Option<FailureCause> {
-    let has_any = |messages: &[&str]| messages.iter().any(|words| line.contains(words));
+pub fn told_by(log: &str) -> Option<FailureCause> {
+    let has_any = |messages: &[&str]| messages.iter().any(|words| log.contains(words));
     if has_any(OUT_OF_MEMORY) {
         Some(FailureCause::OutOfMemory)
     } else {
@@ -121,7 +115,7 @@ pub fn told_by(line: &str) -> Option<FailureCause> {
 
 /// Whether a step says that one of its nodes, or the daemon of a node, failed.
 fn lost_a_node(evidence: &Evidence<'_>) -> bool {
-    evidence.logs_any_of(NODE_FAILURE)
+    told_by(evidence.log_tail) == Some(FailureCause::NodeFailure)
 }
 
 /// Nodes that failed under a job, in Slurm's notation; empty if nothing tells them apart from the job's

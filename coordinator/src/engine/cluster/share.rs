@@ -53,7 +53,7 @@ impl Share {
     }
 
     /// Use of a queue that takes the simulations.
-    pub(super) fn used_for(self) -> Use {
+    fn used_for(self) -> Use {
         if self.in_3d {
             Use::Simulations
         } else {
@@ -86,7 +86,6 @@ impl Share {
                 remedy: "add it to the `uses` of a queue in the site's profile",
             })?;
         let (threads, cores) = (self.threads, site.node.cores);
-        let gives = format!("queue {} of site {name} gives", queue.name);
         if self.ranks_per_node.is_none() && threads > cores {
             return Err(NoQueue {
                 found: format!("{threads} threads on a node"),
@@ -102,7 +101,10 @@ impl Share {
                     "{threads} ranks on {} nodes, {on_each} on each",
                     self.nodes()
                 ),
-                expected: format!("at most {most} nodes, which {gives} to a job"),
+                expected: format!(
+                    "at most {most} nodes, which queue {} of site {name} gives to a job",
+                    queue.name
+                ),
                 remedy: "set fewer ranks (executor.threads), more on a node \
                          (executor.ranks_per_node), or another queue (executor.slurm.queue)",
             });
@@ -112,7 +114,7 @@ impl Share {
 }
 
 /// Reason why no queue takes a simulation.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{found}, expected {expected}: {remedy}")]
 pub struct NoQueue {
     /// Demand of the simulation.
