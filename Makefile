@@ -42,9 +42,10 @@ test-all: ## as `make test`, with the long tests of the book and of Slurm (an ho
 	@CARDIOTWIN_TESTS=all .ci/parts.sh
 
 MPICH_TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/mpich
-test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests on MPICH's ranks (minutes; Debian: mpich libmpich-dev)
+test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests and a cohort's on MPICH's ranks (minutes; Debian: mpich libmpich-dev)
 	MPICC=mpicc.mpich CARDIOTWIN_MPIRUN=mpirun.mpich CARGO_TARGET_DIR=$(MPICH_TARGET) \
 		$(CARGO) test --release --locked --package cardiotwin-worker --features mpi --test mpi
+	$(CARGO) test --release --locked --workspace --test slurm -- --ignored MPICH
 
 book: ## make the book of all documents into target/book/html, and check its links (mdbook, python3)
 	docs/book/build.sh $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/book

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::failure::FailureClass;
+use crate::status::PatientState;
 
 /// Event of which a notice is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -134,7 +135,7 @@ pub struct Notice {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub class: Option<FailureClass>,
     /// Number of patients by state.
-    pub counts: BTreeMap<String, u64>,
+    pub counts: BTreeMap<PatientState, u64>,
     /// Free space on the file system of the run, for `quota-low`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub free_bytes: Option<u64>,

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 pub use cardiotwin_vocabulary::statistics::Moments;
 
 use crate::ids::PatientId;
+use crate::status::PatientState;
 
 /// Uncertainty that is propagated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -118,7 +119,7 @@ pub struct RobustnessMember {
     /// Role of the member.
     pub role: MemberRole,
     /// State: `done`, `failed`, `running`, …
-    pub state: String,
+    pub state: PatientState,
     /// Failure, if the member failed.
     pub failure: Option<String>,
     /// Varied inputs by name: factors on measured biomarkers, initial guesses, or the seed of step

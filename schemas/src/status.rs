@@ -7,6 +7,123 @@ use serde::{Deserialize, Serialize};
 
 use crate::failure::FailureClass;
 
+/// State of a patient.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Default,
+    Serialize,
+    Deserialize,
+    JsonSchema,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum PatientState {
+    /// A person cancelled the work on the patient.
+    Cancelled,
+    /// The patient's chain is complete.
+    Done,
+    /// A failure holds the patient until a person acts.
+    Failed,
+    /// A task of the patient is running.
+    Running,
+    /// There is no news of the patient's task.
+    Unknown,
+    /// The patient waits for its turn.
+    #[default]
+    Waiting,
+}
+
+impl PatientState {
+    /// All states, in alphabetical order.
+    pub const ALL: [Self; 6] = [
+        Self::Cancelled,
+        Self::Done,
+        Self::Failed,
+        Self::Running,
+        Self::Unknown,
+        Self::Waiting,
+    ];
+
+    /// Name of the state, for tables and files.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Cancelled => "cancelled",
+            Self::Done => "done",
+            Self::Failed => "failed",
+            Self::Running => "running",
+            Self::Unknown => "unknown",
+            Self::Waiting => "waiting",
+        }
+    }
+
+    /// State of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.as_str() == name)
+    }
+
+    /// Whether nothing happens to the patient any more without a person.
+    #[must_use]
+    pub fn is_over(self) -> bool {
+        matches!(self, Self::Done | Self::Failed | Self::Cancelled)
+    }
+}
+
+impl std::fmt::Display for PatientState {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// State of a job, or of an element of an array.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum JobState {
+    /// The job is being submitted.
+    Submitting,
+    /// Slurm gave no clear answer to the submission.
+    Doubtful,
+    /// The element is in the queue.
+    Waiting,
+    /// The element has nodes.
+    Running,
+    /// The element is visibly neither alive nor ended.
+    Unknown,
+    /// The element was asked to end.
+    Stopping,
+    /// The element has ended.
+    Over,
+}
+
+impl JobState {
+    /// Name of the state, for tables and files.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Submitting => "submitting",
+            Self::Doubtful => "doubtful",
+            Self::Waiting => "waiting",
+            Self::Running => "running",
+            Self::Unknown => "unknown",
+            Self::Stopping => "stopping",
+            Self::Over => "over",
+        }
+    }
+}
+
+impl std::fmt::Display for JobState {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
 /// Status of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Status {
@@ -19,7 +136,7 @@ pub struct Status {
     /// Whether a coordinator holds the run at present.
     pub coordinator_running: bool,
     /// Number of patients by state.
-    pub counts: BTreeMap<String, u64>,
+    pub counts: BTreeMap<PatientState, u64>,
     /// Status of each patient, failed patients first.
     pub patients: Vec<PatientStatus>,
     /// Patients that the last `run` or `advance` left out because of errors in their files.
@@ -76,8 +193,8 @@ pub struct JobStatus {
     pub id: String,
     /// Unique name, which is also the name of the job's folder below `slurm`.
     pub name: String,
-    /// State: `submitting`, `doubtful`, `waiting`, `running`, `unknown`, `stopping`.
-    pub state: String,
+    /// State of the job.
+    pub state: JobState,
     /// Reason for which the job waits, in words.
     pub why: String,
     /// Pseudonyms of the patients in the job.
@@ -91,8 +208,8 @@ pub struct PatientStatus {
     pub patient: String,
     /// Step: `step-0`, `step-1`, `targets`, `step-2`, `verification`, `done`.
     pub step: String,
-    /// State: `waiting`, `running`, `done`, `failed`, `cancelled`, `unknown`.
-    pub state: String,
+    /// State of the patient.
+    pub state: PatientState,
     /// Number of iterations of step 1 so far, and its limit.
     pub iteration: Option<(u32, u32)>,
     /// Best cost of step 1 so far.

@@ -69,6 +69,8 @@ pub struct Cohort<'a> {
     pub cluster: &'a Cluster,
     pub folder: tempfile::TempDir,
     settings: Vec<String>,
+    /// Worker in place of the one beside the coordinator.
+    worker: Option<PathBuf>,
 }
 
 /// Process id in a claim; `None` if the claim is not complete yet.
@@ -148,12 +150,19 @@ impl<'a> Cohort<'a> {
             cluster,
             folder,
             settings: Vec::new(),
+            worker: None,
         }
     }
 
     /// Adds a setting `KEY=VALUE` to every command.
     pub fn set(mut self, setting: &str) -> Self {
         self.settings.push(setting.to_owned());
+        self
+    }
+
+    /// Lets ticks start another worker.
+    pub fn with_worker(mut self, worker: &Path) -> Self {
+        self.worker = Some(worker.to_owned());
         self
     }
 
@@ -209,7 +218,11 @@ impl<'a> Cohort<'a> {
 
     /// Runs one tick to its end.
     pub fn advance(&self) -> Said {
-        self.call(&self.with_settings(&["advance"]))
+        let mut arguments = self.with_settings(&["advance"]);
+        if let Some(worker) = &self.worker {
+            arguments.extend(["--worker", worker.to_str().expect("a path in UTF-8")]);
+        }
+        self.call(&arguments)
     }
 
     /// Starts a coordinator that ticks until the run is over.

@@ -61,6 +61,14 @@ const TESTS: &[Test] = &[
         ranks::four_patients_share_two_nodes_of_archer2,
     ),
     (
+        "a launcher of another MPI is told",
+        ranks::a_launcher_of_another_mpi_is_told,
+    ),
+    (
+        "a faulty srun is tried again",
+        ranks::a_faulty_srun_is_tried_again,
+    ),
+    (
         "one simulation spans nodes",
         ranks::one_simulation_spans_nodes,
     ),
@@ -171,6 +179,10 @@ const LONG: &[Test] = &[
     (
         "several whole nodes in one job",
         bundles::several_whole_nodes_in_one_job,
+    ),
+    (
+        "ranks of MPICH start through PMI-2",
+        ranks::ranks_of_mpich_start_through_pmi2,
     ),
     (
         "the paper's run is rehearsed",

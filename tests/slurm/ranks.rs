@@ -1,6 +1,7 @@
 //! Simulations in 3D on MPI ranks: steps of a job, each on the nodes of its place.
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -143,6 +144,89 @@ pub fn four_patients_share_two_nodes_of_archer2(cluster: &Cluster) {
             );
         }
     }
+}
+
+/// Four patients share two nodes, on ranks of MPICH, which srun starts through PMI-2. The programs are
+/// those that `make test-mpich` builds.
+pub fn ranks_of_mpich_start_through_pmi2(cluster: &Cluster) {
+    let release = crate::cohort::binary("cardiotwin-worker");
+    let worker = release
+        .ancestors()
+        .nth(2)
+        .expect("the target folder")
+        .join("mpich/release/cardiotwin-worker");
+    let of_ranks = worker.with_file_name("cardiotwin-worker-mpi");
+    if !of_ranks.is_file() {
+        crate::not_tested("mpich", &format!("{} is not there", of_ranks.display()));
+        return;
+    }
+    let patients = ["01-CoA", "02-CoA", "05-CoA", "06-CoA"];
+    let cohort = in_3d(cluster, &patients, "srun", 2, 4)
+        .set("executor.launcher=[\"srun\",\"--mpi=pmi2\"]")
+        .set("executor.slurm.account=t01")
+        .with_worker(&worker);
+    archer2(&cohort, "");
+    assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+    cohort.assert_done();
+    assert_eq!(cohort.tally().repeated, 0);
+    let on_two = ranks(&cohort).iter().filter(|n| **n == Some(2)).count();
+    assert!(on_two >= 8, "step 0 and a beat of each: {on_two}");
+}
+
+/// Ranks whose MPI does not understand the launcher take themselves for single ones, as Open MPI
+/// behind Cray's plugin does: the simulation ends before it begins, and says which options help.
+pub fn a_launcher_of_another_mpi_is_told(cluster: &Cluster) {
+    if let Some(why) = hindrance(cluster) {
+        crate::not_tested("mpi", &why);
+        return;
+    }
+    let plugins = cluster.slurm("srun", &["--mpi=list"]);
+    let foreign = ["cray_shasta", "none"]
+        .into_iter()
+        .find(|plugin| plugins.contains(plugin))
+        .expect("a plugin");
+    let cohort = in_3d(cluster, &["06-CoA"], "srun", 2, 4)
+        .set(&format!("executor.launcher=[\"srun\",\"--mpi={foreign}\"]"))
+        .set("executor.slurm.account=t01");
+    archer2(&cohort, "");
+    assert_eq!(cohort.finish(), 1, "{:#}", cohort.status());
+    let told = cohort.call(&["explain", "06-CoA"]).out;
+    assert!(told.contains("launcher"), "{told}");
+}
+
+/// Script in place of srun: its first call fails, its second is killed together with srun, the others are srun's.
+const FAULTY_SRUN: &str = r#"#!/bin/bash
+calls=$0.calls
+echo call >>"$calls"
+case $(wc -l <"$calls") in
+1) echo "srun: error: Unable to create step for job: Socket timed out on send/recv operation" >&2; exit 1 ;;
+2) srun "$@" & sleep 0.5; kill -KILL $!; kill -KILL $$ ;;
+*) exec srun "$@" ;;
+esac
+"#;
+
+/// A step that srun cannot create, and one whose srun is killed, are each tried again in another job;
+/// no rank of the killed srun is left.
+pub fn a_faulty_srun_is_tried_again(cluster: &Cluster) {
+    if let Some(why) = hindrance(cluster) {
+        crate::not_tested("mpi", &why);
+        return;
+    }
+    let cohort = in_3d(cluster, &["06-CoA"], "srun", 2, 4).set("executor.slurm.account=t01");
+    let faulty = cohort.folder.path().join("srun");
+    fs::write(&faulty, FAULTY_SRUN).expect("a script");
+    fs::set_permissions(&faulty, fs::Permissions::from_mode(0o700)).expect("its mode");
+    let cohort = cohort.set(&format!("executor.launcher=[{faulty:?}]"));
+    archer2(&cohort, "");
+    assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+    cohort.assert_done();
+    let tally = cohort.tally();
+    assert_eq!(
+        (tally.repeated, tally.again, cohort.jobs().len()),
+        (2, 0, 3),
+        "{tally:?}"
+    );
+    cluster.wait("the end of every rank", || n_workers(&cohort) == 0);
 }
 
 /// Waits until a beat in 3D is under way that has a checkpoint.

@@ -125,7 +125,7 @@ fn verdicts(run: &RunRecord) -> String {
 #[must_use]
 pub fn line(patient: &PatientRecord) -> String {
     let view = PatientView(patient);
-    let mut parts = vec![patient.status.state.clone()];
+    let mut parts = vec![patient.status.state.to_string()];
     parts.extend(patient.verdict.as_ref().map(ToString::to_string));
     if let Some(step1) = &patient.step1 {
         parts.push(format!("step 1 {step1}, cost {}", number(step1.cost)));
@@ -184,9 +184,11 @@ fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
             first.push((number(step1.cost), None));
         }
         (None, failure) => {
-            let state = failure.as_ref().map_or(patient.status.state.clone(), |f| {
-                format!("failed [{}]", f.class.as_str())
-            });
+            let state = failure
+                .as_ref()
+                .map_or(patient.status.state.to_string(), |f| {
+                    format!("failed [{}]", f.class.as_str())
+                });
             first.push((state, failure.as_ref().map(|_| Tone::Bad)));
             first.push((optional(patient.status.step1_cost), None));
         }
@@ -211,7 +213,7 @@ fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
         }
         None => {
             let state = if patient.step1.is_some() {
-                patient.status.state.clone()
+                patient.status.state.to_string()
             } else {
                 String::new()
             };

@@ -14,6 +14,7 @@ use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 use cardiotwin_schemas::status::RefusedPatient;
 
 pub use cardiotwin_workflow::patient::Stage;
+pub use cardiotwin_workflow::task::Task;
 
 use crate::clock::{self, Clock};
 use crate::dispatch::slurm::{Installed, Scheduler};

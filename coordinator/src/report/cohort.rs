@@ -2,6 +2,7 @@
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord, Step1Quality};
+use cardiotwin_schemas::status::PatientState;
 use maud::{Markup, html};
 
 use super::figures::legend;
@@ -78,8 +79,7 @@ fn sentence(run: &RunRecord) -> String {
     if failed > 0 {
         text += &format!("; {failed} failed");
     }
-    let open = run.patients.len()
-        - of(&|p| p.failure.is_some() || p.status.state == "done" || p.status.state == "cancelled");
+    let open = run.patients.len() - of(&|p| p.failure.is_some() || p.status.state.is_over());
     if open > 0 {
         text += &format!("; {open} not finished");
     }
@@ -532,7 +532,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
                     @let words = if words.starts_with("verified, off") { "verified, off" } else { &*words };
                     tr {
                         th scope="row" { a href=(link(p)) { (p.plan.id) } }
-                        td.state { span class=(class) { (sign) } " " (words) @if p.status.state == "done" && p.step1.is_some() { br; span.quiet { "step 1 " (step1_words(p)) } } }
+                        td.state { span class=(class) { (sign) } " " (words) @if p.status.state == PatientState::Done && p.step1.is_some() { br; span.quiet { "step 1 " (step1_words(p)) } } }
                         @for (c, open) in std::iter::zip(&columns, &opens) { (cell(c, *open, p)) }
                     }
                 }

@@ -2,6 +2,7 @@
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, Step1Quality, Step3Ending};
+use cardiotwin_schemas::status::PatientState;
 use maud::{Markup, html};
 
 use super::convergence;
@@ -29,8 +30,8 @@ pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String)
             ),
         );
     }
-    match (patient.status.state.as_str(), &patient.step1) {
-        ("done", Some(summary)) => {
+    match (patient.status.state, &patient.step1) {
+        (PatientState::Done, Some(summary)) => {
             let stalled = if summary.quality == Step1Quality::Converged {
                 ""
             } else {
@@ -44,14 +45,14 @@ pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String)
                 None => ("quiet", "○", format!("not verified{stalled}")),
             }
         }
-        ("done", None) => ("good", "●", "done".to_owned()),
-        (state @ ("failed" | "cancelled"), _) => (
+        (PatientState::Done, None) => ("good", "●", "done".to_owned()),
+        (state @ (PatientState::Failed | PatientState::Cancelled), _) => (
             "bad",
             "✕",
             format!("{state} in {}", step_name(&patient.status.step)),
         ),
         // A patient is in no step before its first task.
-        (state, _) if patient.status.step == "-" => ("quiet", "○", state.to_owned()),
+        (state, _) if patient.status.step == "-" => ("quiet", "○", state.to_string()),
         (state, _) => (
             "quiet",
             "○",

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use cardiotwin_schemas::allocation::Steps;
-use cardiotwin_schemas::status::{ClusterStatus, JobStatus};
+use cardiotwin_schemas::status::{ClusterStatus, JobState, JobStatus};
 use cardiotwin_workflow::cluster_job::{ClusterJob, Element, Submission};
 use serde::{Deserialize, Serialize};
 
@@ -246,7 +246,7 @@ pub fn status(
                     id_text(row, element)
                 },
                 name: row.name.clone(),
-                state: row.state.word(element).to_owned(),
+                state: row.state.shown(element),
                 why: seen.why.clone(),
                 patients: patients.collect(),
             });
@@ -261,7 +261,7 @@ pub fn status(
         Some(JobStatus {
             id: one.id.clone()?,
             name: one.name.clone(),
-            state: "stopping".to_owned(),
+            state: JobState::Stopping,
             why: why.to_owned(),
             patients: Vec::new(),
         })
@@ -296,8 +296,8 @@ pub struct JobRecord {
     pub name: String,
     /// Folder with script, orders and logs.
     pub folder: std::path::PathBuf,
-    /// Name of the state: `waiting`, `running`, …, `over`.
-    pub state: String,
+    /// State of the element.
+    pub state: JobState,
     /// Reason for which it waits, or how it ended.
     pub why: String,
     /// Nodes of the element in Slurm's notation.
@@ -327,7 +327,7 @@ pub fn of_patient(jobs: &[JobRow], patient_id: i64, run_dir: &std::path::Path) -
             id: id_text(row, element),
             name: row.name.clone(),
             folder: run_dir.join("slurm").join(&row.name),
-            state: row.state.word(element).to_owned(),
+            state: row.state.shown(element),
             why,
             nodes: seen.nodes.clone(),
             elapsed_s: seen.elapsed_s,

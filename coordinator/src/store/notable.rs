@@ -4,8 +4,11 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::status::PatientState;
 use sqlx::Row as _;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
+
+use super::screen::state_of;
 
 /// Notable conditions of a run.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -13,7 +16,7 @@ pub struct Notable {
     /// Name of the cohort.
     pub cohort: String,
     /// Number of patients by state.
-    pub counts: BTreeMap<String, u64>,
+    pub counts: BTreeMap<PatientState, u64>,
     /// Failed or stalled patients.
     pub patients: Vec<NotablePatient>,
     /// Time since which every patient is over, milliseconds since 1970; `None` if one is not.
@@ -52,12 +55,12 @@ pub async fn read(connection: &mut SqliteConnection) -> Result<Notable, sqlx::Er
     let mut notable = Notable::default();
     let (mut over, mut since_ms) = (true, 0);
     for row in sqlx::query(COUNTS).fetch_all(&mut *connection).await? {
-        let word: String = row.get(0);
-        over &= ["done", "failed", "cancelled"].contains(&word.as_str());
+        let state = state_of(&row)?;
+        over &= state.is_over();
         since_ms = since_ms.max(row.get::<i64, _>(2));
         notable
             .counts
-            .insert(word, u64::try_from(row.get::<i64, _>(1)).unwrap_or(0));
+            .insert(state, u64::try_from(row.get::<i64, _>(1)).unwrap_or(0));
     }
     notable.over_since_ms = (over && !notable.counts.is_empty()).then_some(since_ms);
     let failed = |row: SqliteRow| {

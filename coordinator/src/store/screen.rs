@@ -4,15 +4,15 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::failure::FailureClass;
-use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_schemas::status::{PatientState, PatientStatus};
 use serde::Deserialize;
 use sqlx::Row as _;
-use sqlx::sqlite::SqliteConnection;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
 /// Number of patients by state, and the first rows.
 pub struct Screen {
     /// Number of patients in each state.
-    pub counts: BTreeMap<String, u64>,
+    pub counts: BTreeMap<PatientState, u64>,
     /// Failed patients first, then unknown, running, waiting and cancelled ones, then the rest; in
     /// the cohort's order within each group.
     pub patients: Vec<PatientStatus>,
@@ -33,7 +33,7 @@ FROM (SELECT * FROM patients WHERE active
 struct Shown(
     String,
     String,
-    String,
+    PatientState,
     Option<u32>,
     Option<u32>,
     Option<f64>,
@@ -43,6 +43,16 @@ struct Shown(
     String,
     i64,
 );
+
+/// State in the first column of a row.
+///
+/// # Errors
+/// A decoding error for a name that no state has.
+pub(super) fn state_of(row: &SqliteRow) -> Result<PatientState, sqlx::Error> {
+    let name: String = row.try_get(0)?;
+    PatientState::from_name(&name)
+        .ok_or_else(|| sqlx::Error::Decode(format!("no patient is {name:?}").into()))
+}
 
 /// Reads the counts and at most `rows` of the patients.
 ///
@@ -54,10 +64,11 @@ pub async fn read(
     now_ms: i64,
 ) -> Result<Screen, sqlx::Error> {
     let counted = sqlx::query(COUNTS).fetch_all(&mut *connection).await?;
-    let count = |row: &sqlx::sqlite::SqliteRow| {
-        (row.get(0), u64::try_from(row.get::<i64, _>(1)).unwrap_or(0))
+    let count = |row: &SqliteRow| {
+        let n = u64::try_from(row.get::<i64, _>(1)).unwrap_or(0);
+        Ok::<_, sqlx::Error>((state_of(row)?, n))
     };
-    let counts = counted.iter().map(count).collect();
+    let counts = counted.iter().map(count).collect::<Result<_, _>>()?;
     let rows = i64::try_from(rows).unwrap_or(i64::MAX);
     let text: String = sqlx::query_scalar(FIRST)
         .bind(rows)

@@ -22,7 +22,6 @@ fn patient(id: i64, version: i64) -> PatientRow {
         status: PatientStatus {
             patient: format!("P{id}"),
             step: "-".into(),
-            state: "waiting".into(),
             ..PatientStatus::default()
         },
         since_ms: 0,

@@ -10,7 +10,7 @@ use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::Step;
 use cardiotwin_workflow::task::Task;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
 
@@ -67,8 +67,9 @@ pub struct StepExplanation {
     pub step: String,
     /// Key of the present task.
     pub task: TaskKey,
-    /// Name of the task's state: `open`, `attempting`, `published` or `failed`.
-    pub state: String,
+    /// State of the task, written as its name: `open`, `attempting`, `published` or `failed`.
+    #[serde(serialize_with = "word_of")]
+    pub state: Task,
     /// Number of attempts so far.
     pub generations: u32,
     /// Time since which this is the task of the step, UTC, RFC 3339.
@@ -79,6 +80,10 @@ pub struct StepExplanation {
     pub changes: Vec<LeafChange>,
     /// Other patients of this run that share the task.
     pub shared_with: Vec<PatientId>,
+}
+
+fn word_of<S: Serializer>(state: &Task, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(state.word())
 }
 
 /// A changed value of a task's canonical specification.
@@ -110,8 +115,8 @@ pub(super) fn explanation(
     let previous = rows[..rows.len() - 1].last();
     Ok(StepExplanation {
         step: step.to_string(),
-        state: state.word().to_owned(),
         generations: state.generation(),
+        state,
         since: clock::utc_text(present.get("at_ms")),
         previous: previous.map(|row| TaskKey(row.get("task"))),
         changes: match previous {

@@ -404,7 +404,8 @@ pub(super) fn patient_row(row: &SqliteRow) -> Result<PatientRow, StoreError> {
     let failure_class = class
         .map(|c| parse(&format!("\"{c}\""), "patients", "failure_class", &patient))
         .transpose()?;
-    let state: String = row.get("state");
+    let (state, word): (String, String) = (row.get("state"), row.get("word"));
+    let shown = parse(&format!("\"{word}\""), "patients", "word", &patient)?;
     let iteration: Option<u32> = row.get("iteration");
     Ok(PatientRow {
         id: row.get("id"),
@@ -415,7 +416,7 @@ pub(super) fn patient_row(row: &SqliteRow) -> Result<PatientRow, StoreError> {
         status: PatientStatus {
             patient,
             step: row.get("step"),
-            state: row.get("word"),
+            state: shown,
             iteration: iteration.zip(row.get("max_iterations")),
             for_s: 0.0,
             step1_cost: row.get("step1_cost"),

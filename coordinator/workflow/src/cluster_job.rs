@@ -15,6 +15,7 @@
 //! job that lives on out of sight begins and publishes nothing.
 
 use cardiotwin_schemas::failure::FailureCause;
+use cardiotwin_schemas::status::JobState;
 use serde::{Deserialize, Serialize};
 
 use super::IllegalTransition;
@@ -174,17 +175,17 @@ impl ClusterJob {
             .all(|element| matches!(element, Element::Over { .. }))
     }
 
-    /// Name of an element's state in one word, for tables.
+    /// State of an element, for tables.
     #[must_use]
-    pub fn word(&self, element: usize) -> &'static str {
+    pub fn shown(&self, element: usize) -> JobState {
         match (&self.submission, self.elements.get(element)) {
-            (_, Some(Element::Over { .. }) | None) => "over",
-            (Submission::Intended, _) => "submitting",
-            (Submission::Doubtful { .. }, _) => "doubtful",
-            (_, Some(Element::Waiting)) => "waiting",
-            (_, Some(Element::Running)) => "running",
-            (_, Some(Element::Unknown { .. })) => "unknown",
-            (_, Some(Element::Stopping)) => "stopping",
+            (_, Some(Element::Over { .. }) | None) => JobState::Over,
+            (Submission::Intended, _) => JobState::Submitting,
+            (Submission::Doubtful { .. }, _) => JobState::Doubtful,
+            (_, Some(Element::Waiting)) => JobState::Waiting,
+            (_, Some(Element::Running)) => JobState::Running,
+            (_, Some(Element::Unknown { .. })) => JobState::Unknown,
+            (_, Some(Element::Stopping)) => JobState::Stopping,
         }
     }
 
@@ -326,7 +327,7 @@ impl ClusterJob {
 fn illegal(job: &ClusterJob, element: usize, event: &str) -> IllegalTransition {
     IllegalTransition {
         machine: "cluster job",
-        state: job.word(element).into(),
+        state: job.shown(element).to_string(),
         event: event.into(),
     }
 }

@@ -25,6 +25,7 @@ use std::str::FromStr;
 
 use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::status::PatientState;
 use serde::{Deserialize, Serialize};
 
 use super::IllegalTransition;
@@ -256,16 +257,15 @@ impl Patient {
         )
     }
 
-    /// Name of the state in one word, for tables. It does not tell whether a wanted task is
-    /// running.
+    /// State for tables. It does not tell whether a wanted task is running.
     #[must_use]
-    pub fn word(&self) -> &'static str {
+    pub fn shown(&self) -> PatientState {
         match self {
-            Self::Waiting | Self::Deciding { .. } => "waiting",
-            Self::Working { .. } => "running",
-            Self::Done => "done",
-            Self::Failed { .. } => "failed",
-            Self::Cancelled { .. } => "cancelled",
+            Self::Waiting | Self::Deciding { .. } => PatientState::Waiting,
+            Self::Working { .. } => PatientState::Running,
+            Self::Done => PatientState::Done,
+            Self::Failed { .. } => PatientState::Failed,
+            Self::Cancelled { .. } => PatientState::Cancelled,
         }
     }
 
@@ -315,8 +315,8 @@ impl Patient {
             (state, event) => Err(IllegalTransition {
                 machine: "patient",
                 state: state.step().map_or_else(
-                    || state.word().into(),
-                    |step| format!("{} ({step})", state.word()),
+                    || state.shown().to_string(),
+                    |step| format!("{} ({step})", state.shown()),
                 ),
                 event: match event {
                     E::Want { step, .. } => format!("want {step}"),

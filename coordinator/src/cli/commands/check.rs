@@ -120,9 +120,6 @@ fn queues(cohort: &Cohort, report: &mut Report) {
     let plans = cohort.patients.iter().filter_map(|p| p.resolved.as_ref());
     if let Some(no_queue) = without_queue(plans, &site, executor) {
         let said = [&*no_queue.found, &no_queue.expected, no_queue.remedy];
-        report.add(
-            None,
-            cohort.settings.problem("executor.threads", None, said),
-        );
+        report.add(None, cohort.settings.problem(no_queue.key, None, said));
     }
 }

@@ -13,7 +13,7 @@ use crate::cli::place::{Folders, OfCohort};
 use crate::cli::store::{open, stored_overrides};
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, Tone};
-use crate::engine::{JobRecord, LeafChange, StepExplanation};
+use crate::engine::{JobRecord, LeafChange, StepExplanation, Task};
 use crate::input::{self, Options, Patient, Report};
 
 /// Explain the state of a patient's tasks: dependencies, changed inputs, and the files that set
@@ -150,7 +150,7 @@ fn of_jobs(jobs: &[JobRecord], why: &str, talk: &Talk) -> String {
         };
         table.row([
             job.id.clone(),
-            job.state.clone(),
+            job.state.to_string(),
             ran,
             nodes,
             job.why.clone(),
@@ -173,10 +173,10 @@ fn text(
 ) -> String {
     let mut table = Columns::new(talk, &["STEP", "STATE", "TASK", ">TRIES", "SINCE", "WHY"]);
     for step in steps {
-        let tone = match step.state.as_str() {
-            "published" => Some(Tone::Good),
-            "failed" => Some(Tone::Bad),
-            _ => None,
+        let tone = match step.state {
+            Task::Published { .. } => Some(Tone::Good),
+            Task::Failed { .. } => Some(Tone::Bad),
+            Task::Open { .. } | Task::Attempting { .. } => None,
         };
         let mut why = match (&step.previous, step.changes.len()) {
             (None, _) => "first task of this step".to_owned(),
@@ -189,7 +189,7 @@ fn text(
         }
         let row = [
             (step.step.clone(), None),
-            (step.state.clone(), tone),
+            (step.state.word().to_owned(), tone),
             (short(step.task.as_str()).to_owned(), Some(Tone::Quiet)),
             (step.generations.to_string(), None),
             (step.since.clone(), None),
@@ -279,7 +279,7 @@ mod tests {
         let step = StepExplanation {
             step: "step-0".into(),
             task: TaskKey("b".repeat(64)),
-            state: "open".into(),
+            state: Task::default(),
             generations: 0,
             since: "2026-03-01T12:00:00.000Z".into(),
             previous: Some(TaskKey("a".repeat(64))),

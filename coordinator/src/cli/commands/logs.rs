@@ -89,10 +89,7 @@ pub async fn execute(args: &LogsArgs, talk: &Talk) -> Result<Exit, CliError> {
             }
         }
         let state = reader.patient_record(&id).await?.status.state;
-        if !args.follow
-            || Talk::reader_left()
-            || ["done", "failed", "cancelled"].contains(&state.as_str())
-        {
+        if !args.follow || Talk::reader_left() || state.is_over() {
             return Ok(Exit::Ok);
         }
         tokio::time::sleep(Duration::from_millis(500)).await;

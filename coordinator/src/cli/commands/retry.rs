@@ -2,6 +2,7 @@
 
 use cardiotwin_schemas::failure::{Failure, FailureCause};
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::status::PatientState;
 use clap::Args;
 
 use crate::cli::answer;
@@ -67,7 +68,7 @@ pub async fn execute(args: &RetryArgs, talk: &Talk) -> Result<Exit, CliError> {
                 .await?
                 .patients
                 .into_iter()
-                .filter(|p| p.state == "failed")
+                .filter(|p| p.state == PatientState::Failed)
             {
                 let id = PatientId(patient.patient);
                 let failure = match args.class {

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, RefusedPatient, Status};
+use cardiotwin_schemas::status::{
+    ClusterStatus, JobState, PatientState, PatientStatus, RefusedPatient, Status,
+};
 use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 
@@ -54,7 +56,9 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
         };
         let mut status = reader.screen(rows).await?;
         if args.failed {
-            status.patients.retain(|patient| patient.state == "failed");
+            status
+                .patients
+                .retain(|patient| patient.state == PatientState::Failed);
         }
         if args.json {
             talk.json(&status)?;
@@ -87,7 +91,7 @@ fn is_over(status: &Status) -> bool {
     status
         .counts
         .iter()
-        .all(|(state, n)| *n == 0 || ["done", "failed", "cancelled"].contains(&state.as_str()))
+        .all(|(state, n)| *n == 0 || state.is_over())
 }
 
 /// The table with counts and time stamp. `member` is the heading of its first column.
@@ -144,7 +148,7 @@ fn of_cluster(cluster: &ClusterStatus) -> String {
     let running = cluster
         .jobs
         .iter()
-        .filter(|job| job.state == "running")
+        .filter(|job| job.state == JobState::Running)
         .count();
     let age = match cluster.as_of.is_empty() {
         true => "the queue has never answered".to_owned(),
@@ -189,12 +193,12 @@ fn refused_row(refused: &RefusedPatient) -> Vec<(String, Option<Tone>)> {
 }
 
 fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
-    let tone = match patient.state.as_str() {
-        "failed" => Some(Tone::Bad),
-        "unknown" | "cancelled" => Some(Tone::Doubtful),
-        "done" => Some(Tone::Good),
-        "waiting" => Some(Tone::Quiet),
-        _ => None,
+    let tone = match patient.state {
+        PatientState::Failed => Some(Tone::Bad),
+        PatientState::Unknown | PatientState::Cancelled => Some(Tone::Doubtful),
+        PatientState::Done => Some(Tone::Good),
+        PatientState::Waiting => Some(Tone::Quiet),
+        PatientState::Running => None,
     };
     let stalled = patient
         .step1_quality
@@ -211,14 +215,11 @@ fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
     } else if !patient.note.is_empty() {
         note.push(patient.note.clone());
     }
-    let cost = match patient.step.as_str() {
-        "step-2" | "verification" | "done" => patient.step2_cost.or(patient.step1_cost),
-        _ => patient.step1_cost,
-    };
+    let cost = patient.step2_cost.or(patient.step1_cost);
     vec![
         (patient.patient.clone(), None),
         (patient.step.clone(), None),
-        (patient.state.clone(), tone),
+        (patient.state.to_string(), tone),
         (
             patient
                 .iteration
@@ -252,7 +253,7 @@ pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
     if let Some(failed) = status
         .patients
         .iter()
-        .find(|patient| patient.state == "failed")
+        .find(|patient| patient.state == PatientState::Failed)
     {
         let id = &failed.patient;
         return Some(match failed.failure_class {
@@ -274,7 +275,7 @@ pub fn hint(status: &Status, folders: &Folders) -> Option<String> {
     let waiting = status
         .patients
         .iter()
-        .any(|p| !["done", "cancelled"].contains(&p.state.as_str()));
+        .any(|p| !matches!(p.state, PatientState::Done | PatientState::Cancelled));
     let advance = || format!("`cardiotwin advance{}`", folders.as_argument(""));
     let command = || {
         if status.cluster.is_some() {
@@ -299,11 +300,11 @@ mod tests {
         bars: false,
     };
 
-    fn patient(id: &str, step: &str, state: &str) -> PatientStatus {
+    fn patient(id: &str, step: &str, state: PatientState) -> PatientStatus {
         PatientStatus {
             patient: id.into(),
             step: step.into(),
-            state: state.into(),
+            state,
             iteration: None,
             step1_cost: None,
             step1_quality: None,
@@ -321,10 +322,10 @@ mod tests {
             as_of: "2026-03-01T12:00:00.000Z".into(),
             coordinator_running: true,
             counts: [
-                ("failed".into(), 1),
-                ("running".into(), 2),
-                ("done".into(), 1),
-                ("waiting".into(), 1),
+                (PatientState::Failed, 1),
+                (PatientState::Running, 2),
+                (PatientState::Done, 1),
+                (PatientState::Waiting, 1),
             ]
             .into(),
             patients: vec![
@@ -332,28 +333,28 @@ mod tests {
                     failure_class: Some(FailureClass::Numerics),
                     note: "verification diverged at 212 ms".into(),
                     for_s: 4360.0,
-                    ..patient("04-CoA", "verification", "failed")
+                    ..patient("04-CoA", "verification", PatientState::Failed)
                 },
                 PatientStatus {
                     iteration: Some((3, 10)),
                     step1_cost: Some(0.1832),
                     note: "iteration 4".into(),
-                    ..patient("02-CoA", "step-1", "running")
+                    ..patient("02-CoA", "step-1", PatientState::Running)
                 },
                 PatientStatus {
                     iteration: Some((9, 10)),
                     step1_cost: Some(0.142),
                     step1_quality: Some("stalled: best iteration 9".into()),
                     note: "generation 41, cost 0.0432".into(),
-                    ..patient("03-CoA", "step-2", "running")
+                    ..patient("03-CoA", "step-2", PatientState::Running)
                 },
-                patient("05-CoA", "step-0", "waiting"),
+                patient("05-CoA", "step-0", PatientState::Waiting),
                 PatientStatus {
                     iteration: Some((2, 10)),
                     step1_cost: Some(0.083),
                     step1_quality: Some("converged: iteration 2".into()),
                     step2_cost: Some(0.0071),
-                    ..patient("01-CoA", "done", "done")
+                    ..patient("01-CoA", "done", PatientState::Done)
                 },
             ],
             refused: Vec::new(),

@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+use cardiotwin_schemas::status::{JobState, PatientState};
+
 use crate::store::Batch;
 use crate::store::cluster_jobs::{Allotment, AllotmentRow, JobRow, SeenElement, id_text};
 
@@ -105,8 +107,8 @@ impl Jobs {
         news
     }
 
-    /// State of a patient's job, as a word and a note.
-    pub fn note(&self, patient_id: i64) -> Option<(&'static str, String)> {
+    /// State of a patient in a job, and a note.
+    pub fn note(&self, patient_id: i64) -> Option<(PatientState, String)> {
         let (name, element) = self.placed.get(&patient_id)?;
         let row = self.rows.get(name)?;
         let id = id_text(row, *element);
@@ -115,11 +117,11 @@ impl Jobs {
             .get(*element)
             .map(|seen| seen.why.as_str())
             .unwrap_or_default();
-        Some(match row.state.word(*element) {
-            "running" => ("running", format!("in job {id}")),
-            "unknown" => ("unknown", format!("job {id}: {why}")),
-            word if why.is_empty() => ("waiting", format!("job {id}: {word}")),
-            word => ("waiting", format!("job {id} {word}: {why}")),
+        Some(match row.state.shown(*element) {
+            JobState::Running => (PatientState::Running, format!("in job {id}")),
+            JobState::Unknown => (PatientState::Unknown, format!("job {id}: {why}")),
+            state if why.is_empty() => (PatientState::Waiting, format!("job {id}: {state}")),
+            state => (PatientState::Waiting, format!("job {id} {state}: {why}")),
         })
     }
 

@@ -4,7 +4,7 @@ use super::Books;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
 use cardiotwin_schemas::record::{Step1Quality, Step1Summary};
-use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_schemas::status::{PatientState, PatientStatus};
 use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use cardiotwin_workflow::task::Task;
@@ -16,7 +16,7 @@ impl Books {
         let row = &mut self.patients[i].row;
         let place = |s: &PatientStatus| {
             let iteration = s.iteration.map(|(n, _)| n);
-            (s.state.clone(), s.step.clone(), iteration)
+            (s.state, s.step.clone(), iteration)
         };
         if place(&shown) != place(&row.status) {
             row.since_ms = self.now_ms;
@@ -30,7 +30,7 @@ impl Books {
         let mut shown = PatientStatus {
             patient: patient.row.status.patient.clone(),
             step: state.step().map_or_else(|| "-".to_owned(), column),
-            state: state.word().to_owned(),
+            state: state.shown(),
             step1_cost: chain.best_cost(),
             step1_quality: chain.step1.as_ref().map(ToString::to_string),
             step2_cost: chain.step2_cost,
@@ -57,8 +57,8 @@ impl Books {
             }
             Patient::Deciding { .. } => {}
             Patient::Working { step, task } => {
-                let (word, note) = self.at_work(patient.row.id, task);
-                shown.state = word.to_owned();
+                let (at_work, note) = self.at_work(patient.row.id, task);
+                shown.state = at_work;
                 let proposes = note.is_empty()
                     && matches!(step.stage, Stage::Step1Proposal | Stage::Step3Proposal);
                 shown.note = if proposes {
@@ -104,18 +104,19 @@ impl Books {
         shown
     }
 
-    /// State of a wanted task, as a word and a note.
-    fn at_work(&self, patient_id: i64, key: &TaskKey) -> (&'static str, String) {
+    /// State of a patient with a wanted task, and a note.
+    fn at_work(&self, patient_id: i64, key: &TaskKey) -> (PatientState, String) {
         let Some(task) = self.tasks.get(key) else {
-            return ("waiting", String::new());
+            return (PatientState::Waiting, String::new());
         };
-        if let Some((word, note)) = self.jobs.note(patient_id) {
+        if let Some((state, note)) = self.jobs.note(patient_id) {
             // In a running job, a patient whose turn has not come waits.
-            let begun = matches!(task.state, Task::Attempting { .. }) || word != "running";
+            let begun =
+                matches!(task.state, Task::Attempting { .. }) || state != PatientState::Running;
             return if begun {
-                (word, note)
+                (state, note)
             } else {
-                ("waiting", format!("{note}, for its turn"))
+                (PatientState::Waiting, format!("{note}, for its turn"))
             };
         }
         match &task.state {
@@ -131,16 +132,16 @@ impl Books {
                 };
                 match self.attempts.get(&attempt).map(|a| &a.state) {
                     Some(Attempt::Unknown { .. }) => {
-                        ("unknown", "no news from the worker".to_owned())
+                        (PatientState::Unknown, "no news from the worker".to_owned())
                     }
-                    _ => ("running", again),
+                    _ => (PatientState::Running, again),
                 }
             }
             Task::Open { .. } => match self.jobs.holds() {
-                Some(holds) => ("waiting", holds.to_owned()),
-                None => ("waiting", "for a free worker".to_owned()),
+                Some(holds) => (PatientState::Waiting, holds.to_owned()),
+                None => (PatientState::Waiting, "for a free worker".to_owned()),
             },
-            Task::Published { .. } | Task::Failed { .. } => ("waiting", String::new()),
+            Task::Published { .. } | Task::Failed { .. } => (PatientState::Waiting, String::new()),
         }
     }
 }

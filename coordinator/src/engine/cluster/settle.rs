@@ -233,8 +233,14 @@ impl<S: Scheduler> Cluster<S> {
                 ending.words
             )
         };
-        let failed = &ending.failed_nodes;
-        match failure::next(cause, failed, has_progressed, &given, spent, budgets) {
+        let failed = match (&ending.failed_nodes, cause) {
+            (named, FailureCause::NodeFailure) if named.is_empty() => {
+                let words = left.as_deref().unwrap_or_default();
+                failure::failed_nodes(&row.seen[element].nodes, words)
+            }
+            (named, _) => named.clone(),
+        };
+        match failure::next(cause, &failed, has_progressed, &given, spent, budgets) {
             Next::Again {
                 given: more,
                 spent,

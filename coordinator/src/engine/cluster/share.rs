@@ -81,6 +81,7 @@ impl Share {
         let queue = site
             .queue(settings.slurm.queue.as_deref(), used_for)
             .ok_or_else(|| NoQueue {
+                key: "executor.slurm.queue",
                 found: format!("site {name} has no queue for {used_for:?}"),
                 expected: format!("a queue whose `uses` contain {used_for:?}"),
                 remedy: "add it to the `uses` of a queue in the site's profile",
@@ -88,6 +89,7 @@ impl Share {
         let (threads, cores) = (self.threads, site.node.cores);
         if self.ranks_per_node.is_none() && threads > cores {
             return Err(NoQueue {
+                key: "executor.threads",
                 found: format!("{threads} threads on a node"),
                 expected: format!("at most {cores} threads, the cores of a node of site {name}"),
                 remedy: "set fewer, or executor.launcher for MPI ranks on several nodes",
@@ -97,6 +99,7 @@ impl Share {
         if self.nodes() > most {
             let on_each = self.ranks_per_node.unwrap_or(cores);
             return Err(NoQueue {
+                key: "executor.threads",
                 found: format!(
                     "{threads} ranks on {} nodes, {on_each} on each",
                     self.nodes()
@@ -117,6 +120,8 @@ impl Share {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{found}, expected {expected}: {remedy}")]
 pub struct NoQueue {
+    /// Setting that asks for more than a queue gives.
+    pub key: &'static str,
     /// Demand of the simulation.
     pub found: String,
     /// Demand that the site meets.

@@ -37,7 +37,7 @@ impl Decider {
             } => {
                 let i = find(books, patient)?;
                 if books.patient(i).row.state.is_final() {
-                    let state = books.patient(i).row.state.word();
+                    let state = books.patient(i).row.state.shown();
                     return Err(EngineError::Request {
                         message: format!("{patient} is {state}: nothing to cancel"),
                     });
@@ -158,7 +158,7 @@ impl Decider {
         failed.sort();
         let cancelled = matches!(books.patient(i).row.state, Patient::Cancelled { .. });
         if failed.is_empty() && !cancelled {
-            let state = books.patient(i).row.state.word();
+            let state = books.patient(i).row.state.shown();
             return Err(EngineError::Request {
                 message: format!("{name} is {state} and none of its tasks failed"),
             });

@@ -8,6 +8,7 @@ use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::robustness::{
     Condition, RobustnessMember, RobustnessTable, TableKind, TargetError, Uncertainty,
 };
+use cardiotwin_schemas::status::PatientState;
 
 use super::paper::PAPER;
 
@@ -48,11 +49,10 @@ pub fn of(
 
 fn finished(members: &[RobustnessMember]) -> Condition {
     let over = |m: &&RobustnessMember| m.values.contains_key(&TableKind::Step2Biomarkers);
-    let open = |m: &RobustnessMember| matches!(m.state.as_str(), "waiting" | "running" | "unknown");
     let n = members.iter().filter(over).count();
     let names: Vec<&str> = members
         .iter()
-        .filter(|m| m.state == "failed")
+        .filter(|m| m.state == PatientState::Failed)
         .map(|m| m.id.as_str())
         .collect();
     let failed = if names.is_empty() {
@@ -62,7 +62,10 @@ fn finished(members: &[RobustnessMember]) -> Condition {
     };
     Condition {
         name: "every personalisation reached the verification beat".to_owned(),
-        passed: (!members.iter().any(open)).then_some(n == members.len()),
+        passed: members
+            .iter()
+            .all(|m| m.state.is_over())
+            .then_some(n == members.len()),
         found: format!("{n} of {}{failed}", members.len()),
         limit: "all".to_owned(),
     }

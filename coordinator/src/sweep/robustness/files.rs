@@ -142,7 +142,7 @@ pub fn members_csv(result: &RobustnessResult) -> String {
             patient.to_string(),
             m.id.to_string(),
             m.role.word().to_owned(),
-            m.state.clone(),
+            m.state.to_string(),
             m.failure.clone().unwrap_or_default(),
             m.step1.clone().unwrap_or_default(),
             m.step1_iterations.to_string(),

@@ -9,6 +9,7 @@ use cardiotwin_schemas::robustness::{
     MemberRole, RobustnessMember, RobustnessResult, RobustnessSpec, TableKind, Uncertainty,
 };
 use cardiotwin_schemas::settings::LastStep;
+use cardiotwin_schemas::status::PatientState;
 use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::task::InputFile;
 use proptest::prelude::*;
@@ -88,7 +89,7 @@ fn finished(member: &Member, error: f64) -> RobustnessMember {
     RobustnessMember {
         id: member.plan.id.clone(),
         role: member.role,
-        state: "done".into(),
+        state: PatientState::Done,
         failure: None,
         inputs: member.inputs.clone(),
         step1: Some("converged: iteration 3".into()),
@@ -256,7 +257,7 @@ proptest! {
             let mut member = finished(m, 0.01);
             if !done {
                 member.values.clear();
-                member.state = "running".into();
+                member.state = PatientState::Running;
             }
             member
         }).collect();

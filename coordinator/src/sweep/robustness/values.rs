@@ -6,6 +6,7 @@ use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::robustness::{RobustnessMember, TableKind};
+use cardiotwin_schemas::status::PatientState;
 use cardiotwin_schemas::step1::Step1Parameter;
 
 use super::design::Member;
@@ -29,7 +30,7 @@ pub fn summary(member: &Member, record: Option<&PatientRecord>) -> RobustnessMem
     RobustnessMember {
         id: member.plan.id.clone(),
         role: member.role,
-        state: record.map_or_else(|| "waiting".to_owned(), |r| r.status.state.clone()),
+        state: record.map_or(PatientState::Waiting, |r| r.status.state),
         failure: record
             .and_then(|r| r.failure.as_ref())
             .map(|f| f.message.clone()),

@@ -44,11 +44,12 @@ mod tests {
     use super::*;
     use crate::parameter::Domain;
 
-    /// Stresses \[kPa\] of a beat of 800 ms at a constant stretch, one a millisecond.
+    /// Stresses \[kPa\] of a beat of 800 ms, one a millisecond, while the stretch falls from 1.1 to 0.94.
     fn beat(model: &dyn Contraction) -> Vec<f64> {
         let mut state = vec![0.0; model.n_states()];
         model.rest(&mut state);
         let mut trial = state.clone();
+        let stretch = |ms: i32| 1.1 - 2e-4 * f64::from(ms);
         (1..=800)
             .map(|ms| {
                 let step = NodeStep {
@@ -56,8 +57,8 @@ mod tests {
                     dt_ms: 1.0,
                     ca_start_um: 0.2,
                     ca_end_um: 0.2,
-                    lambda_prev: 1.0,
-                    lambda: 1.0,
+                    lambda_prev: stretch(ms - 1),
+                    lambda: stretch(ms),
                 };
                 let stress = model.try_step(&step, &state, &mut trial).unwrap();
                 state.copy_from_slice(&trial);

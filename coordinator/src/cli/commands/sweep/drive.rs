@@ -1,6 +1,7 @@
 //! Runs of a sweep's members, with progress on stderr and Ctrl-C as in `run`.
 
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::status::PatientState;
 
 use crate::cli::access;
 use crate::cli::error::CliError;
@@ -59,7 +60,7 @@ async fn take_up_cancelled(
     let cancelled = status
         .patients
         .into_iter()
-        .filter(|member| member.state == "cancelled");
+        .filter(|member| member.state == PatientState::Cancelled);
     let cancelled: Vec<PatientId> = cancelled.map(|member| PatientId(member.patient)).collect();
     if !cancelled.is_empty() {
         engine::retry_all(&options.run_dir, &cancelled).await?;

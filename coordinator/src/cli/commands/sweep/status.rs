@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::robustness::RobustnessSpec;
-use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_schemas::status::{PatientState, PatientStatus};
 use cardiotwin_schemas::sweep::SweepSpec;
 use clap::Args;
 use serde::Serialize;
@@ -42,7 +42,7 @@ struct SweepStatus {
     blocks_complete: u32,
     samples_complete: u64,
     /// Number of chunks by state.
-    chunks: BTreeMap<String, u64>,
+    chunks: BTreeMap<PatientState, u64>,
     failed: Vec<PatientStatus>,
 }
 
@@ -81,7 +81,7 @@ struct RobustnessStatus {
     coordinator_running: bool,
     patients: usize,
     /// Number of personalisations by state.
-    members: BTreeMap<String, u64>,
+    members: BTreeMap<PatientState, u64>,
     failed: Vec<PatientStatus>,
 }
 
@@ -102,7 +102,7 @@ async fn robustness(
         failed: status
             .patients
             .into_iter()
-            .filter(|member| member.state == "failed")
+            .filter(|member| member.state == PatientState::Failed)
             .collect(),
     };
     if args.json {
@@ -149,7 +149,7 @@ async fn read(folder: &Path) -> Result<SweepStatus, CliError> {
         failed: status
             .patients
             .into_iter()
-            .filter(|member| member.state == "failed")
+            .filter(|member| member.state == PatientState::Failed)
             .collect(),
     })
 }
@@ -173,7 +173,7 @@ fn failures(failed: &[PatientStatus]) -> String {
 }
 
 /// Members by state, whether a coordinator is running, and the time of reading.
-fn ending(counts: &BTreeMap<String, u64>, coordinator_running: bool, as_of: &str) -> String {
+fn ending(counts: &BTreeMap<PatientState, u64>, coordinator_running: bool, as_of: &str) -> String {
     let counts: Vec<String> = counts
         .iter()
         .filter(|(_, n)| **n > 0)
