@@ -25,7 +25,7 @@ use cardiotwin_schemas::record::{
     IterationRecord, PatientRecord, RunRecord, StallReason, Step1Quality, Step1Summary, TaskRecord,
 };
 use cardiotwin_schemas::settings::{ActivationSettings, Settings, StartMode};
-use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_schemas::status::{PatientState, PatientStatus};
 use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
 use cardiotwin_schemas::verdict::{TwinTolerances, Verdict};
 
@@ -269,7 +269,7 @@ fn status(id: &str, step: &str, state: &str) -> PatientStatus {
     PatientStatus {
         patient: id.into(),
         step: step.into(),
-        state: state.into(),
+        state: PatientState::from_name(state).expect("a state"),
         iteration: None,
         step1_cost: None,
         step1_quality: None,

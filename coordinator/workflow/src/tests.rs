@@ -407,7 +407,7 @@ proptest! {
         prop_assert_eq!(patient_on(decided, PatientEvent::Finish).unwrap(), Patient::Done);
         if !state.is_final() {
             let cancelled = patient_on(state, PatientEvent::Cancel).unwrap();
-            prop_assert_eq!(cancelled.word(), "cancelled");
+            prop_assert_eq!(cancelled.shown().as_str(), "cancelled");
         }
     }
 

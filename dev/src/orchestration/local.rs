@@ -10,6 +10,7 @@ use cardiotwin::engine::{
 use cardiotwin::store::DATABASE_FILE;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
+use cardiotwin_schemas::status::PatientState;
 use serde::Serialize;
 
 /// Options of the benchmark of the orchestration.
@@ -65,7 +66,7 @@ pub async fn orchestration(options: &BenchOptions) -> Result<BenchResult, Engine
         kill_midway(options, arguments).await?;
         let status = Reader::open(&options.run_dir).await?.status().await?;
         published_before_kill = Some(published(&options.run_dir).await?);
-        if status.counts.get("done").copied().unwrap_or(0) < options.patients as u64 {
+        if status.counts.get(&PatientState::Done).copied().unwrap_or(0) < options.patients as u64 {
             restart_s = Some(time_restart(options).await?);
         }
     }
@@ -182,7 +183,7 @@ async fn kill_midway(options: &BenchOptions, arguments: &[String]) -> Result<(),
         let Ok(status) = reader.status().await else {
             continue;
         };
-        let done = status.counts.get("done").copied().unwrap_or(0);
+        let done = status.counts.get(&PatientState::Done).copied().unwrap_or(0);
         if over || done * 2 >= options.patients as u64 {
             // SIGKILL: no handler, no destructor.
             let _ = victim.kill();
