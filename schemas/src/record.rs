@@ -35,6 +35,9 @@ pub struct RunRecord {
     pub as_of: String,
     /// Version of the coordinator that read the store.
     pub version: String,
+    /// Mark of the store's contents: equal marks of a run mean equal records.
+    #[serde(default)]
+    pub revision: String,
     /// Patients in the order of the cohort.
     pub patients: Vec<PatientRecord>,
     /// Patients that the last `run` or `advance` left out because of errors in their files.

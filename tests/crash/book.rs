@@ -167,7 +167,7 @@ impl Book {
     pub fn end_state(&self) -> (Vec<(String, String, String)>, Vec<String>) {
         let patients = self.status.patients.iter();
         let patients = patients
-            .map(|p| (p.patient.clone(), p.step.clone(), p.state.clone()))
+            .map(|p| (p.patient.clone(), p.step.clone(), p.state.to_string()))
             .collect();
         let published = self
             .of_tasks()

@@ -637,6 +637,7 @@ fn run(root: &Path, name: &str, patients: Vec<PatientRecord>) -> RunRecord {
         run_directory: root.to_owned(),
         as_of: "2026-03-04T05:07:08.901Z".into(),
         version: "0.1.0".into(),
+        revision: "1".into(),
         patients,
         refused: Vec::new(),
     }

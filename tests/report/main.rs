@@ -10,7 +10,7 @@ mod traces;
 use std::path::{Path, PathBuf};
 
 use browser::Browser;
-use cardiotwin::report::{ONE_FILE, Pages, write_report};
+use cardiotwin::report::{ONE_FILE, Pages, shows, write_report};
 use regex::Regex;
 use serde_json::Value;
 
@@ -209,6 +209,9 @@ fn pages_are_made_only_where_something_changed() {
         };
         paths.patients.iter().filter(is_kept).count()
     };
+    let n = run.patients.len();
+    assert!(shows(&out, &run.revision, None, n));
+    assert!(!shows(&out, "another revision", None, n));
     paths.patients.iter().for_each(mark);
     for patient in &mut run.patients {
         patient.status.for_s += 60.0; // The time since then is no result.
@@ -225,6 +228,8 @@ fn pages_are_made_only_where_something_changed() {
     assert!(n_kept() >= run.patients.len() - 25, "{}", n_kept());
     write_report(&run, None, Pages::All, &out).unwrap();
     assert_eq!(n_kept(), 0);
+    std::fs::remove_file(&paths.patients[3]).unwrap();
+    assert!(!shows(&out, &run.revision, None, n), "a page is missing");
 }
 
 #[test]

@@ -23,11 +23,16 @@ const HEADINGS: [&str; 11] = [
 ];
 
 /// A row for each step of a patient, followed by means of the absolute differences and the paper's
-/// means.
+/// means. Of more than `most` patients those that failed come first, and the rest are only counted.
 #[must_use]
-pub fn table(run: &RunRecord, talk: &Talk) -> String {
+pub fn table(run: &RunRecord, most: usize, talk: &Talk) -> String {
     let mut table = Columns::new(talk, &HEADINGS);
-    for patient in &run.patients {
+    let mut shown: Vec<&PatientRecord> = run.patients.iter().collect();
+    if shown.len() > most {
+        shown.sort_by_key(|patient| patient.failure.is_none());
+        shown.truncate(most);
+    }
+    for patient in &shown {
         rows(patient).into_iter().for_each(|row| table.toned(row));
     }
     let any_step3 = run.patients.iter().any(|patient| patient.step3.is_some());
@@ -80,7 +85,13 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
         table.row(row);
     }
     let mut text = table.text();
-    text.push_str(&verdicts(run));
+    if run.patients.len() > most {
+        text.push_str(&format!(
+            "… {} more patients: the report and `status --all` show them; the means are over all\n",
+            run.patients.len() - most
+        ));
+    }
+    text.push_str(&verdicts(run, most));
     text.push_str(
         "differences are (simulated - measured) / measured; OPEN: volume gap at the beat's end;\n\
          COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell,\n\
@@ -89,8 +100,9 @@ pub fn table(run: &RunRecord, talk: &Talk) -> String {
     text
 }
 
-/// Names of the personalised patients, and the verdicts of the others.
-fn verdicts(run: &RunRecord) -> String {
+/// Names of the personalised patients, and the verdicts of the others; only numbers if more than
+/// `most` were verified.
+fn verdicts(run: &RunRecord, most: usize) -> String {
     let verified: Vec<_> = run
         .patients
         .iter()
@@ -107,6 +119,10 @@ fn verdicts(run: &RunRecord) -> String {
         hold.len(),
         verified.len()
     );
+    if verified.len() > most {
+        text.push('\n');
+        return text;
+    }
     if !hold.is_empty() {
         let names: Vec<String> = hold
             .iter()

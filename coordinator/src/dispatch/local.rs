@@ -226,9 +226,18 @@ impl Local {
         Ok(Some(news))
     }
 
-    /// Stops watching an attempt, and gives its place back.
+    /// Stops watching an attempt that has ended, and gives its place back. A log without a word goes:
+    /// thousands of empty files cost a parallel file system as much as full ones.
     fn forget(&mut self, attempt: &AttemptId) {
-        let place = self.running.remove(attempt).and_then(|ended| ended.place);
+        let Some(ended) = self.running.remove(attempt) else {
+            return;
+        };
+        let log = ended.directory.join(names::LOG);
+        if fs::metadata(&log).is_ok_and(|log| log.len() == 0) {
+            // Whether it can be removed makes no difference to the attempt.
+            let _ = fs::remove_file(&log);
+        }
+        let place = ended.place;
         if let (Some(places), Some(place)) = (&mut self.places, place) {
             places.give_back(place);
         }

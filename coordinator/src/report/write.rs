@@ -101,9 +101,8 @@ fn index(
     pages: Pages,
     out: &Path,
 ) -> Result<ReportPaths, WriteError> {
-    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
-    let folder_name = format!("{stem}-patients");
-    let folder = out.with_file_name(&folder_name);
+    let folder = folder_of(out);
+    let folder_name = folder.file_name().unwrap_or_default().to_string_lossy();
     std::fs::create_dir_all(&folder).map_err(WriteError::folder(&folder))?;
     let names: Vec<String> = file_names(&run.patients);
     let of: std::collections::HashMap<&str, &str> = std::iter::zip(&run.patients, &names)
@@ -158,14 +157,40 @@ fn index(
         .map(|i| run.patients[*i].clone())
         .collect();
     let nav = page::nav(run, "#top", &unfinished, &from_index);
-    write(
-        out,
-        &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content),
-    )?;
+    let page = page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content);
+    let mark = mark(&run.revision, discovered);
+    write(out, &PreEscaped(format!("{mark}{}", page.0)))?;
     Ok(ReportPaths {
         main: out.to_owned(),
         patients: written,
     })
+}
+
+/// Whether the file `out` is the index of a report that shows this revision of the run and these
+/// findings, with as many pages beside it as there are patients. A report in one file never counts:
+/// it is made anew in no time.
+#[must_use]
+pub fn shows(
+    out: &Path,
+    revision: &str,
+    discovered: Option<&DiscoverCases>,
+    n_patients: usize,
+) -> bool {
+    let pages = std::fs::read_dir(folder_of(out)).map_or(0, Iterator::count);
+    pages >= n_patients && has_stamp(out, &mark(revision, discovered))
+}
+
+/// Folder of the patients' pages beside an index.
+fn folder_of(out: &Path) -> PathBuf {
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+    out.with_file_name(format!("{stem}-patients"))
+}
+
+/// Comment at the beginning of an index, by which a later run knows what the report shows.
+fn mark(revision: &str, discovered: Option<&DiscoverCases>) -> String {
+    let shown = (env!("CARGO_PKG_VERSION"), revision, discovered);
+    let text = serde_json::to_string(&shown).unwrap_or_default();
+    format!("<!-- {} -->\n", sha256_hex(text.as_bytes()))
 }
 
 /// Comment at the beginning of a patient's page, by which a later report knows what the page shows.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::formats;
+use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
@@ -40,6 +41,11 @@ const SETTLED: &str = "
 SELECT tasks.key, tasks.state, tasks.outcome, attempts.directory
 FROM tasks LEFT JOIN attempts ON attempts.task = tasks.key AND attempts.generation = (tasks.state->>'generation')
 WHERE tasks.word IN ('published', 'failed')";
+
+const REVISION: &str = "
+SELECT json_array((SELECT max(sequence) FROM events), (SELECT count(*) FROM patients), (SELECT sum(version) FROM patients))
+UNION ALL
+SELECT json_array(key, value) FROM meta WHERE key IN ('cohort', 'description', 'refused')";
 
 const SETTLED_OF_PATIENT: &str = "
 SELECT tasks.key, tasks.state, tasks.outcome, attempts.directory
@@ -140,6 +146,8 @@ impl Reader {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn record(&self) -> Result<RunRecord, StoreError> {
+        // What is written while the record is read makes another revision.
+        let revision = self.revision().await?;
         let settled = self.settled(SETTLED, None).await?;
         let now_ms = clock::now_ms();
         let mut wide = HashMap::new();
@@ -161,9 +169,21 @@ impl Reader {
             run_directory: self.run_dir.clone(),
             as_of: clock::utc_text(now_ms),
             version: VERSION.to_owned(),
+            revision,
             patients: records,
             refused: self.refused().await?,
         })
+    }
+
+    /// Mark of the store's contents, as in [`RunRecord::revision`]: the last event of the machines, the
+    /// versions of all patients' rows, and the cohort's own entries.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn revision(&self) -> Result<String, StoreError> {
+        let rows = self.rows(REVISION, None).await?;
+        let text: String = rows.iter().map(|row| row.get::<String, _>(0)).collect();
+        Ok(sha256_hex(text.as_bytes()))
     }
 
     /// Elements of a sweep, in its order.

@@ -26,7 +26,7 @@ use crate::engine::{
     self, EngineEvent, Foreseen, Reader, RunOptions, RunSummary, StopSignal, StoreError,
 };
 use crate::input::{self, Cohort, Options, Report};
-use crate::report::{Pages, write_report};
+use crate::report::{self, Pages};
 
 /// Largest number of patients for which each patient's result is printed as soon as it is known.
 const LINES_WITH_RESULTS: usize = 100;
@@ -364,20 +364,30 @@ async fn finish(
     if summary.on_cluster() {
         return on_cluster(summary, folders, talk).await;
     }
-    let record = open(folders).await?.record().await?;
-    talk.data(&summary::table(&record, talk))?;
-    let mut report = String::new();
-    if !args.no_report {
-        let cases = discovery::beside(folders.cohort.as_deref());
-        let paths = write_report(
-            &record,
+    let reader = open(folders).await?;
+    let cases = discovery::beside(folders.cohort.as_deref());
+    let out = folders.run.join(FILE);
+    let is_shown = summary.nothing_to_do()
+        && !args.no_report
+        && report::shows(
+            &out,
+            &reader.revision().await?,
             cases.as_ref(),
-            Pages::Changed,
-            &folders.run.join(FILE),
-        )
-        .map_err(CliError::Report)?;
-        report = format!("report: {}\n", paths.main.display());
+            summary.patients,
+        );
+    if !is_shown {
+        let record = reader.record().await?;
+        talk.data(&summary::table(&record, ROWS, talk))?;
+        if !args.no_report {
+            report::write_report(&record, cases.as_ref(), Pages::Changed, &out)
+                .map_err(CliError::Report)?;
+        }
     }
+    let report = if args.no_report {
+        String::new()
+    } else {
+        format!("report: {}\n", out.display())
+    };
     let wall = duration(began.elapsed().as_secs_f64());
     let parts = [
         (summary.done, "done"),
