@@ -21,7 +21,7 @@ cargo fmt --all --check
 cargo run --quiet --release --locked -p cardiotwin-schemas --example write-json-schemas
 cargo run --quiet --release --locked -p cardiotwin-models --example effect_pages
 cargo build --quiet --release --locked --workspace --bins
-cargo test --quiet --release --locked -p cardiotwin-vocabulary -p cardiotwin-schemas -p cardiotwin-signals -p cardiotwin-models \
+cargo test --no-fail-fast --quiet --release --locked -p cardiotwin-vocabulary -p cardiotwin-schemas -p cardiotwin-signals -p cardiotwin-models \
     -p cardiotwin-mechanics --lib
 cargo test --quiet --release --locked -p cardiotwin-worker --lib finite_element::wall
 cargo test --quiet --release --locked -p cardiotwin-tests --test documents
