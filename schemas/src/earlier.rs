@@ -4,6 +4,7 @@
 //! The defaults of today would then describe a model that the old run never computed. The tables below hold the values that
 //! match the old program.
 
+use std::cell::RefCell;
 use std::sync::OnceLock;
 
 use serde::de::Error as _;
@@ -102,16 +103,35 @@ fn table<'a>(holder: &'a mut Map<String, Value>, key: &str) -> Option<&'a mut Ma
     holder.get_mut(key).and_then(Value::as_object_mut)
 }
 
+thread_local! {
+    /// Settings that were read last, as stored and as read. Thousands of patients of a cohort have
+    /// the same ones.
+    static LAST: RefCell<Option<(Value, Settings)>> = const { RefCell::new(None) };
+}
+
 /// Reads stored settings. Keys of later programs are dropped.
 pub(crate) fn settings<'de, D: Deserializer<'de>>(from: D) -> Result<Settings, D::Error> {
+    let stored = Value::deserialize(from)?;
+    let same = LAST.with_borrow(|last| {
+        let (before, read) = last.as_ref()?;
+        (*before == stored).then(|| read.clone())
+    });
+    if let Some(read) = same {
+        return Ok(read);
+    }
+    let read = meant_by(stored.clone()).map_err(D::Error::custom)?;
+    LAST.set(Some((stored, read.clone())));
+    Ok(read)
+}
+
+fn meant_by(mut stored: Value) -> serde_json::Result<Settings> {
     static SCHEMA: OnceLock<Value> = OnceLock::new();
     let schema = SCHEMA.get_or_init(|| schemars::schema_for!(Settings).into());
-    let mut stored = Value::deserialize(from)?;
     keep_known(&mut stored, schema);
     if let Some(table) = stored.as_object_mut() {
         add_to_settings(table);
     }
-    Settings::deserialize(stored).map_err(D::Error::custom)
+    Settings::deserialize(stored)
 }
 
 /// Reads the stored anatomy of step 0's finite-element ventricle. Keys of later programs are dropped.
