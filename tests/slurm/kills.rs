@@ -10,6 +10,7 @@ use rustix::process::Signal;
 
 use crate::cluster::Cluster;
 use crate::cohort::{Cohort, QUICK, Tally, lives, pid_of, signal};
+use crate::ranks;
 
 const SEVEN: [&str; 7] = [
     "01-CoA", "02-CoA", "03-CoA", "04-CoA", "05-CoA", "06-CoA", "07-CoA",
@@ -186,7 +187,8 @@ impl Series {
 }
 
 /// `CARDIOTWIN_KILLS` kills (100 by default) over as many cohorts as needed. Three of four kills
-/// wait for a worker at work. The table is in docs/slurm.md.
+/// wait for a worker at work. Every second cohort is in 3D, on MPI ranks over two nodes. After each
+/// cohort the queue is empty. The table is in docs/measurements/slurm.md.
 pub fn a_hundred_random_kills(cluster: &Cluster) {
     let number = |name: &str, else_: u64| {
         std::env::var(name)
@@ -199,16 +201,23 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
         Series(number("CARDIOTWIN_SEED", 1)),
     );
     let mut kills: BTreeMap<&str, u64> = BTreeMap::new();
-    let (mut total, mut n_cohorts, mut n_jobs, mut at_work) = (Tally::default(), 0, 0, 0);
+    let (mut total, mut n_jobs, mut at_work) = (Tally::default(), 0, 0);
+    let (mut n_cohorts, mut n_of_ranks) = (0, 0);
     let began = Instant::now();
     while kills.values().sum::<u64>() < wanted {
-        let cohort = Cohort::of(cluster, &["01-CoA", "02-CoA", "03-CoA", "05-CoA"], STEP2)
-            .set("executor.slurm.memory_MiB=120000")
+        let is_of_ranks = n_cohorts % 2 == 1 && ranks::hindrance(cluster).is_none();
+        // Steps so short that there is time to kill something.
+        let cohort = if is_of_ranks {
+            ranks::over_two_nodes(cluster, &["05-CoA", "06-CoA"]).set("solver.time_step_ms=0.5")
+        } else {
+            Cohort::of(cluster, &["01-CoA", "02-CoA", "03-CoA", "05-CoA"], STEP2)
+                .set("executor.slurm.memory_MiB=120000")
+                .set("solver.time_step_ms=0.05")
+                .set("solver.shortest_step_ms=0.01")
+        };
+        let cohort = cohort
             .set("executor.site_retries=100")
-            .set("executor.slurm.free_repeats=1000")
-            // Steps so short that there is time to kill something.
-            .set("solver.time_step_ms=0.05")
-            .set("solver.shortest_step_ms=0.01");
+            .set("executor.slurm.free_repeats=1000");
         let mut coordinator = Coordinator::start(&cohort);
         let mut down: Vec<(&str, Instant)> = Vec::new();
         let since = Instant::now();
@@ -284,13 +293,17 @@ pub fn a_hundred_random_kills(cluster: &Cluster) {
         }
         cohort.assert_done();
         total += cohort.tally();
-        n_cohorts += 1;
-        n_jobs += cohort.jobs().len();
         drop(coordinator);
         cluster.recover();
+        cluster.wait("an empty queue", || {
+            cluster.slurm("squeue", &["--me", "-h"]).is_empty()
+        });
+        n_cohorts += 1;
+        n_of_ranks += u64::from(is_of_ranks);
+        n_jobs += cohort.jobs().len();
     }
     println!(
-        "{kills:?}, {at_work} of them while a worker was at work, {n_cohorts} cohorts, {n_jobs} jobs, {:.0} s: {total:?}",
+        "{kills:?}, {at_work} of them while a worker was at work, {n_cohorts} cohorts ({n_of_ranks} in 3D on ranks over two nodes), {n_jobs} jobs, {:.0} s: {total:?}",
         began.elapsed().as_secs_f64()
     );
 }

@@ -14,7 +14,7 @@ const OPEN_MPI_AS_ROOT: &str =
     r#"setup = ["export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1"]"#;
 
 /// Reason why no ranks can be started here; `None` if they can.
-fn hindrance(cluster: &Cluster) -> Option<String> {
+pub fn hindrance(cluster: &Cluster) -> Option<String> {
     let worker = crate::cohort::binary("cardiotwin-worker").with_file_name("cardiotwin-worker-mpi");
     if !worker.is_file() {
         return Some(format!("{} is not there", worker.display()));
@@ -43,6 +43,13 @@ fn in_3d<'a>(
         // Chains this short share places. With an hour each, every patient would have a place of
         // its own.
         .set("executor.slurm.simulation_s=1")
+}
+
+/// A quick cohort in 3D on ARCHER2's profile, each simulation on two ranks, one on each of two nodes.
+pub fn over_two_nodes<'a>(cluster: &'a Cluster, patients: &[&str]) -> Cohort<'a> {
+    let cohort = in_3d(cluster, patients, "srun", 2, 1).set("executor.slurm.account=t01");
+    archer2(&cohort, "");
+    cohort
 }
 
 /// The profile of ARCHER2 as it is shipped, with further lines before its first table.
@@ -259,11 +266,9 @@ pub fn a_simulation_over_nodes_loses_one_and_is_cancelled(cluster: &Cluster) {
         crate::not_tested("mpi", &why);
         return;
     }
-    let cohort = in_3d(cluster, &["06-CoA"], "srun", 2, 1)
-        .set("executor.slurm.account=t01")
+    let cohort = over_two_nodes(cluster, &["06-CoA"])
         .set("solver.time_step_ms=0.2")
         .set("solver.finite_element.mesh_nodes=1500");
-    archer2(&cohort, "");
     assert_eq!(cohort.advance().code, 8);
     wait_for_beat(&cohort);
     // The driver runs on n1; n2 has a rank alone.
