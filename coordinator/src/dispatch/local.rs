@@ -226,8 +226,8 @@ impl Local {
         Ok(Some(news))
     }
 
-    /// Stops watching an attempt that has ended, and gives its place back. A log without a word goes:
-    /// thousands of empty files cost a parallel file system as much as full ones.
+    /// Stops watching an attempt that has ended, and gives its place back. An empty log is
+    /// removed: an empty file costs a parallel file system as much as a full one.
     fn forget(&mut self, attempt: &AttemptId) {
         let Some(ended) = self.running.remove(attempt) else {
             return;
