@@ -3,6 +3,7 @@
 //! A patient's folder may come from somebody else. Without this rule its keys or links could make
 //! the program read, hash and copy any file of the user.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::patient::PatientFile;
@@ -16,26 +17,41 @@ use super::report::Report;
 
 /// Folders in which a patient's files may lie.
 pub(super) struct Bounds {
-    /// Without symbolic links; `None` allows any place.
-    folders: Option<Vec<PathBuf>>,
+    /// `None` allows any place.
+    folders: Option<[PathBuf; 2]>,
 }
 
 impl Bounds {
     /// - `folders`: the patient's folder and the cohort's
     /// - `allow_outside`: the cohort's key
     pub(super) fn of(folders: [&Path; 2], allow_outside: bool) -> Self {
-        let real = |folder: &Path| folder.canonicalize().ok();
         Self {
-            folders: (!allow_outside).then(|| folders.into_iter().filter_map(real).collect()),
+            folders: (!allow_outside).then(|| folders.map(Path::to_owned)),
         }
     }
 
     /// Place of an existing file that lies outside; `None` for all others.
     fn left_by(&self, file: &Path) -> Option<PathBuf> {
-        let place = file.canonicalize().ok()?;
         let folders = self.folders.as_ref()?;
-        let is_inside = folders.iter().any(|folder| place.starts_with(folder));
+        let place = file.canonicalize().ok()?;
+        let mut real = folders
+            .iter()
+            .filter_map(|folder| folder.canonicalize().ok());
+        let is_inside = real.any(|folder| place.starts_with(folder));
         (!is_inside).then_some(place)
+    }
+
+    /// As [`Bounds::left_by`] for a file that a patient in `folder` names.
+    fn left_by_named(&self, folder: &Path, name: &str) -> Option<PathBuf> {
+        let file = folder.join(name);
+        // A name without folders leads outside only by a link. Asking that is much cheaper than
+        // resolving the path, which counts with thousands of patients.
+        let is_plain = Path::new(name).file_name().is_some_and(|last| last == name);
+        let is_link = || fs::symlink_metadata(&file).is_ok_and(|file| file.is_symlink());
+        if is_plain && !is_link() {
+            return None;
+        }
+        self.left_by(&file)
     }
 }
 
@@ -62,7 +78,7 @@ pub(super) fn check(
          patients' files",
     );
     for (key, name) in named_files(file) {
-        if let Some(stray) = bounds.left_by(&folder.join(name)) {
+        if let Some(stray) = bounds.left_by_named(folder, &name) {
             let problem = Problem::error(&document.file, said(&stray), expected, remedy);
             refuse(problem.at_key(key).at(position_of(document, key)));
         }
