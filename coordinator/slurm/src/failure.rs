@@ -113,6 +113,18 @@ pub fn told_by(log: &str) -> Option<FailureCause> {
     }
 }
 
+/// Messages of ranks whose MPI does not understand the launcher: Open MPI's, and the worker's own.
+const FOREIGN_LAUNCHER: &[&str] = &[
+    "OMPI was not built with SLURM's PMI",
+    "another MPI's launcher",
+];
+
+/// Whether a log tells that the ranks' MPI does not understand the launcher.
+#[must_use]
+pub fn tells_foreign_launcher(log: &str) -> bool {
+    FOREIGN_LAUNCHER.iter().any(|words| log.contains(words))
+}
+
 /// Whether a step says that one of its nodes, or the daemon of a node, failed.
 fn lost_a_node(evidence: &Evidence<'_>) -> bool {
     told_by(evidence.log_tail) == Some(FailureCause::NodeFailure)

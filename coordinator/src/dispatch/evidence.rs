@@ -139,8 +139,11 @@ pub fn revoke(
 /// and the launcher have their say.
 const LAST_BYTES: u64 = 16 << 10;
 
+const FOREIGN_LAUNCHER: &str = "the launcher does not suit the MPI of cardiotwin-worker-mpi: set \
+     executor.launcher to [\"srun\", \"--mpi=pmix\"] for Open MPI or [\"srun\", \"--mpi=pmi2\"] for MPICH";
+
 /// A line of the worker's log for error messages, at most 300 characters: the last one that tells why
-/// a process was killed, otherwise the last one.
+/// a process was killed, otherwise the last one. For a launcher of another MPI: what to do.
 pub fn last_words(directory: &Path) -> Option<String> {
     let mut file = fs::File::open(directory.join(names::LOG)).ok()?;
     let length = file.metadata().ok()?.len();
@@ -149,6 +152,9 @@ pub fn last_words(directory: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
+    if failure::tells_foreign_launcher(&text) {
+        return Some(FOREIGN_LAUNCHER.to_owned());
+    }
     let mut lines = text.lines().rev().map(str::trim);
     let short = |line: &str| -> String { line.chars().take(300).collect() };
     if let Some(line) = lines.clone().find(|line| failure::told_by(line).is_some()) {
@@ -166,6 +172,15 @@ mod tests {
     use cardiotwin_schemas::ids::TaskKey;
     use cardiotwin_schemas::outcome::{Artefact, Ending};
     use cardiotwin_schemas::provenance::Provenance;
+
+    #[test]
+    fn last_words_tell_a_launcher_of_another_mpi() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = "but OMPI was not built with SLURM's PMI support and therefore cannot\nexecute.\n\
+                   srun: launch/slurm: _step_signal: Terminating StepId=5.0\n";
+        fs::write(folder.path().join(names::LOG), log).unwrap();
+        assert_eq!(last_words(folder.path()).unwrap(), FOREIGN_LAUNCHER);
+    }
 
     #[test]
     fn last_words_tell_why_a_process_was_killed() {
