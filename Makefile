@@ -15,7 +15,7 @@ BUILD := $(CARGO) build --release --locked --workspace --bins
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: worked-changes help book install package vendor deps deps-demo build test-mpich demo test test-all bench work-precision evaluate-discover second-cohort afterload verify slurm-kills clean-run
+.PHONY: worked-changes help book install package vendor deps deps-demo build test-mpich demo test test-all test-long bench work-precision evaluate-discover second-cohort afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,6 +40,9 @@ test: ## set up what is missing, then pass every check and test; prints how long
 
 test-all: ## as `make test`, with the long tests of the book and of Slurm (an hour and a half on two cores)
 	@CARDIOTWIN_TESTS=all .ci/parts.sh
+
+test-long: ## the long tests alone: the book, kills and ends of jobs on a real Slurm of this machine (half an hour after the build)
+	@CARDIOTWIN_TESTS=long .ci/parts.sh
 
 MPICH_TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/mpich
 test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests and a cohort's on MPICH's ranks (minutes; Debian: mpich libmpich-dev)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # `make test`: every check, one after the other; prints how long each part took and stops at the first that fails.
-# `make test-all` (CARDIOTWIN_TESTS=all) runs the long tests, too. CARDIOTWIN_TEST_SECONDS=N skips long tests that would
+# `make test-all` (CARDIOTWIN_TESTS=all) runs the long tests, too; `make test-long` (CARDIOTWIN_TESTS=long) these alone. CARDIOTWIN_TEST_SECONDS=N skips long tests that would
 # not end within N seconds of the beginning; CI runs those of Slurm with the time that is left.
 # What a test could not try here is listed in target/not-tested.jsonl; with CI=true it fails unless .ci/allowed-skips lists it.
 # Plain cargo, one profile (release): unoptimised kernels are hopeless in tests, and two profiles compile everything twice.
@@ -85,7 +85,7 @@ passed_on() { # name
 long_part() { # expected seconds, name, command…
     local expected=$1 elapsed=$(($(date +%s) - began))
     shift
-    if [ "${CARDIOTWIN_TESTS:-}" = all ]; then
+    if [[ ${CARDIOTWIN_TESTS:-} = all || ${CARDIOTWIN_TESTS:-} = long ]]; then
         part "$@"
         passed_on "$1"
     elif [ -z "${CARDIOTWIN_TEST_SECONDS:-}" ]; then
@@ -130,28 +130,33 @@ config=()
 everything=(--release --locked --workspace "${with_mpi[@]}" "${config[@]}")
 
 part "build" "$CARGO" build "${everything[@]}" --lib --bins --tests
-part "unit tests, JSON Schemas are current" "$CARGO" test "${everything[@]}" --lib --bins -q -- --show-output
-part "documentation's examples" "$CARGO" test "${everything[@]}" --doc -q
-[ -n "${with_mpi[*]}" ] || skipped "tests: mpi" mpi "$missing"
-for name in $(integration_targets | sort -u); do
-    case $name in
-    mpi | mpi_beat) [ -n "${with_mpi[*]}" ] || continue ;;
-    book) continue ;; # long: below
-    esac
-    part "tests: $name" "$CARGO" test "${everything[@]}" --test "$name" -q -- --show-output
-done
+short_parts() {
+    part "unit tests, JSON Schemas are current" "$CARGO" test "${everything[@]}" --lib --bins -q -- --show-output
+    part "documentation's examples" "$CARGO" test "${everything[@]}" --doc -q
+    [ -n "${with_mpi[*]}" ] || skipped "tests: mpi" mpi "$missing"
+    for name in $(integration_targets | sort -u); do
+        case $name in
+        mpi | mpi_beat) [ -n "${with_mpi[*]}" ] || continue ;;
+        book) continue ;; # long: below
+        esac
+        part "tests: $name" "$CARGO" test "${everything[@]}" --test "$name" -q -- --show-output
+    done
 
-if $CARGO clippy --version >/dev/null 2>&1; then
-    part "clippy, warnings are errors" "$CARGO" clippy "${everything[@]}" --all-targets -- -D warnings
-else
-    skipped "clippy" clippy "clippy is not installed"
+    if $CARGO clippy --version >/dev/null 2>&1; then
+        part "clippy, warnings are errors" "$CARGO" clippy "${everything[@]}" --all-targets -- -D warnings
+    else
+        skipped "clippy" clippy "clippy is not installed"
+    fi
+    if command -v mdbook >/dev/null && command -v python3 >/dev/null; then
+        part "the book, its links" docs/book/build.sh "$target/book"
+    else
+        skipped "the book, its links" book "mdbook or python3 is not installed (Debian 13 has both)"
+    fi
+    part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
+}
+if [ "${CARDIOTWIN_TESTS:-}" != long ]; then
+    short_parts
 fi
-if command -v mdbook >/dev/null && command -v python3 >/dev/null; then
-    part "the book, its links" docs/book/build.sh "$target/book"
-else
-    skipped "the book, its links" book "mdbook or python3 is not installed (Debian 13 has both)"
-fi
-part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
 
 # The second part: with the time that is left.
 long_part 500 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output

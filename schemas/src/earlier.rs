@@ -9,11 +9,13 @@ use std::sync::OnceLock;
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
+use serde_json::value::RawValue;
 use serde_json::{Map, Value, json};
 
 use crate::finite_element::AnatomySpec;
 use crate::formats::keep_known;
 use crate::settings::Settings;
+use crate::shared::Shared;
 
 /// Keys of the settings that every version has written.
 const SETTINGS: [&str; 5] = ["solver", "step1", "step2", "verification", "executor"];
@@ -106,20 +108,21 @@ fn table<'a>(holder: &'a mut Map<String, Value>, key: &str) -> Option<&'a mut Ma
 thread_local! {
     /// Settings that were read last, as stored and as read. Thousands of patients of a cohort have
     /// the same ones.
-    static LAST: RefCell<Option<(Value, Settings)>> = const { RefCell::new(None) };
+    static LAST: RefCell<Option<(Box<RawValue>, Shared<Settings>)>> = const { RefCell::new(None) };
 }
 
 /// Reads stored settings. Keys of later programs are dropped.
-pub(crate) fn settings<'de, D: Deserializer<'de>>(from: D) -> Result<Settings, D::Error> {
-    let stored = Value::deserialize(from)?;
+pub(crate) fn settings<'de, D: Deserializer<'de>>(from: D) -> Result<Shared<Settings>, D::Error> {
+    let stored = Box::<RawValue>::deserialize(from)?;
     let same = LAST.with_borrow(|last| {
         let (before, read) = last.as_ref()?;
-        (*before == stored).then(|| read.clone())
+        (before.get() == stored.get()).then(|| read.clone())
     });
     if let Some(read) = same {
         return Ok(read);
     }
-    let read = meant_by(stored.clone()).map_err(D::Error::custom)?;
+    let value = serde_json::from_str(stored.get()).map_err(D::Error::custom)?;
+    let read = Shared::from(meant_by(value).map_err(D::Error::custom)?);
     LAST.set(Some((stored, read.clone())));
     Ok(read)
 }

@@ -43,6 +43,7 @@ pub mod robustness;
 pub mod samples;
 pub mod sensitivity;
 pub mod settings;
+pub mod shared;
 pub mod status;
 mod step0;
 pub mod step3;

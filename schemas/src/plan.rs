@@ -16,6 +16,7 @@ use crate::outcome::PassiveStateResult;
 use crate::patient::Noise;
 use crate::posterior::{PosteriorSpec, TwinBeat};
 use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
+use crate::shared::Shared;
 use crate::task::{
     CellInOrgan, InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run,
     Step3ProposalSpec, Step3Run, TaskSpec,
@@ -70,7 +71,7 @@ pub struct ResolvedPatient {
     /// Settings with all layers merged. They include those of the executor, which never enter a
     /// task's key.
     #[serde(deserialize_with = "crate::earlier::settings")]
-    pub settings: Settings,
+    pub settings: Shared<Settings>,
     /// Effects accepted for this patient.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<crate::organ::EffectSpec>,
@@ -183,7 +184,7 @@ impl ResolvedPatient {
         start: &Step1Parameters,
         runs: Vec<Step1Run>,
     ) -> Step1ProposalSpec {
-        let Settings { solver, step1, .. } = &self.settings;
+        let Settings { solver, step1, .. } = &*self.settings;
         let contraction = ContractionSpec::Tanh {
             parameters: start.tanh,
         };
@@ -241,7 +242,7 @@ impl ResolvedPatient {
     ) -> PosteriorSpec {
         let Settings {
             step3, posterior, ..
-        } = &self.settings;
+        } = &*self.settings;
         let beat = cell.beat.with_parameters(&twin.parameters);
         PosteriorSpec {
             parameters: step3.moved(&cell.beat.valves),
@@ -297,7 +298,7 @@ impl ResolvedPatient {
             calcium: None,
             noise: None,
             external_files: Vec::new(),
-            settings: Settings::default(),
+            settings: Shared::default(),
             effects: Vec::new(),
         }
     }

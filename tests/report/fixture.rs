@@ -24,7 +24,7 @@ use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::record::{
     IterationRecord, PatientRecord, RunRecord, StallReason, Step1Quality, Step1Summary, TaskRecord,
 };
-use cardiotwin_schemas::settings::{ActivationSettings, Settings, StartMode};
+use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
 use cardiotwin_schemas::status::{PatientState, PatientStatus};
 use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
 use cardiotwin_schemas::verdict::{TwinTolerances, Verdict};
@@ -321,7 +321,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
         calcium: None,
         noise: None,
         external_files: Vec::new(),
-        settings: Settings::default(),
+        settings: Default::default(),
         effects: Vec::new(),
     }
 }

@@ -1,7 +1,7 @@
 //! Progress reports in `progress.jsonl`: one line each, appended, at most about four per second.
 
 use std::fs::{File, OpenOptions};
-use std::io::Write;
+use std::io::{IsTerminal as _, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -23,14 +23,14 @@ pub struct ProgressLog {
 }
 
 impl ProgressLog {
-    /// Reports to `progress.jsonl` in `directory`, and to stderr if `echo` is set. The first report
-    /// creates the file.
+    /// Reports to `progress.jsonl` in `directory`. The first report creates the file. With `echo`,
+    /// reports also go to stderr if that is a terminal: in a log they would stand twice.
     #[must_use]
     pub fn in_directory(directory: &Path, echo: bool) -> Self {
         Self {
             path: Some(directory.join(cardiotwin_protocol::names::PROGRESS)),
             file: None,
-            echo,
+            echo: echo && std::io::stderr().is_terminal(),
             last: None,
         }
     }

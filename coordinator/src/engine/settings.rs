@@ -2,7 +2,7 @@
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::plan::ResolvedPatient;
-use cardiotwin_schemas::settings::lay_over;
+use cardiotwin_schemas::settings::{Settings, lay_over};
 use cardiotwin_workflow::patient::Stage;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -18,7 +18,7 @@ pub fn plan(
     let mut settings = table(&given.settings)?;
     lay_over(&mut settings, &table(overrides)?);
     Ok(ResolvedPatient {
-        settings: serde_json::from_value(Value::Object(settings))?,
+        settings: serde_json::from_value::<Settings>(Value::Object(settings))?.into(),
         ..given.clone()
     })
 }

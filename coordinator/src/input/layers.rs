@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::settings::{Settings, lay_over};
+use cardiotwin_schemas::shared::Shared;
 use cardiotwin_signals::{Position, Problem};
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
@@ -169,7 +170,7 @@ impl Layer {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Merged {
     /// Settings that result from all layers.
-    pub settings: Settings,
+    pub settings: Shared<Settings>,
     /// Origin of each leaf by dotted key.
     pub origins: BTreeMap<String, Origin>,
     /// The same settings as JSON.
@@ -190,7 +191,7 @@ impl Merged {
         }
         let value = Value::Object(value);
         Ok(Self {
-            settings: serde_json::from_value(value.clone())?,
+            settings: serde_json::from_value::<Settings>(value.clone())?.into(),
             origins,
             value,
         })

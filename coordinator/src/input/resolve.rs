@@ -10,6 +10,7 @@ use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::patient::{PatientFile, PatientMesh, PatientRightVentricle};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::Settings;
+use cardiotwin_schemas::shared::Shared;
 use cardiotwin_schemas::task::PassiveStateSpec;
 
 use super::external;
@@ -22,7 +23,7 @@ pub fn resolve(
     file: &PatientFile,
     (folder, cohort_folder): (&Path, &Path),
     defaults: &PatientDefaults,
-    settings: &Settings,
+    settings: &Shared<Settings>,
     overlay: Option<&ModelOverlay>,
     report: &mut Report,
 ) -> Option<ResolvedPatient> {

@@ -157,7 +157,7 @@ mod tests {
         let cohort = load(parent.path(), &Options::default(), &mut report).unwrap();
         assert_eq!(
             cohort.settings.settings,
-            cardiotwin_schemas::settings::Settings::default()
+            cardiotwin_schemas::shared::Shared::default()
         );
         let others: Vec<_> = report
             .findings()

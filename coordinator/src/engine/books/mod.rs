@@ -222,6 +222,21 @@ impl Books {
         Ok(patient.plan.get_or_init(|| plan))
     }
 
+    /// Whether the store has this plan as the one that the cohort gives.
+    pub fn is_given(&self, i: usize, given: &ResolvedPatient) -> bool {
+        let patient = &self.patients[i];
+        // A plan of an earlier program may have another text and the same meaning.
+        let stored = serde_json::from_str::<ResolvedPatient>(&patient.plan_row.given);
+        let Some(stored) = stored.ok().filter(|stored| stored == given) else {
+            return false;
+        };
+        // The plans of patients that are over may be many, and nothing reads them.
+        if patient.plan_row.plan.is_none() && !patient.row.state.is_final() {
+            let _ = patient.plan.set(stored);
+        }
+        true
+    }
+
     /// Adds a patient that the store does not have. Returns its index.
     pub fn add_patient(
         &mut self,

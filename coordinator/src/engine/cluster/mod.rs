@@ -43,8 +43,9 @@ use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::job::JobId;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_workflow::patient::Patient;
+use cardiotwin_workflow::task::Task;
 
-use super::books::Books;
+use super::books::{Books, TaskEntry};
 use super::decider::Decider;
 use super::files_seen::FilesSeen;
 use super::program_identity::DECIDED_BY;
@@ -222,7 +223,7 @@ impl<S: Scheduler> Cluster<S> {
         let settled = self.decider.over();
         let program = self.writer.meta().await?.remove(DECIDED_BY);
         self.decider
-            .decide_all(&mut self.books, program.as_ref(), Patient::is_final)?;
+            .decide_all(&mut self.books, program.as_ref(), is_settled)?;
         self.decider.look_and_answer(&mut self.books)?;
         worker_identity::need(refused, &self.books)?;
         let started = super::EngineEvent::Started {
@@ -322,9 +323,12 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     /// Reads how large the meshes of patients are who may be placed in jobs.
-    fn learn_mesh_sizes(&mut self) -> Result<(), EngineError> {
+    ///
+    /// - `frees`: whether jobs ended, whose patients may want a place
+    fn learn_mesh_sizes(&mut self, frees: bool) -> Result<(), EngineError> {
         for (i, patient) in self.books.patients().iter().enumerate() {
-            if patient.selected && !patient.row.state.is_final() {
+            let may_want = frees && patient.selected && !patient.row.state.is_final();
+            if may_want || place::wants_place(&self.books, i) {
                 self.mesh_sizes.learn(self.books.plan(i)?);
             }
         }
@@ -387,6 +391,16 @@ impl<S: Scheduler> Cluster<S> {
     }
 }
 
+/// Whether a patient needs no new decision by the program that decided last: it is over, or its task
+/// is under way and has read its inputs.
+fn is_settled(books: &Books, i: usize) -> bool {
+    let under_way = |task: &TaskEntry| matches!(task.state, Task::Attempting { .. });
+    match &books.patient(i).row.state {
+        Patient::Working { task, .. } => books.task(task).is_some_and(under_way),
+        state => state.is_final(),
+    }
+}
+
 impl<S: Scheduler> Engine for Cluster<S> {
     type Seen = Seen;
 
@@ -412,7 +426,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
         if self.stage == Stage::Patients {
             let settlements = self.settlements()?;
             self.ask_for_limits(!settlements.is_empty()).await?;
-            self.learn_mesh_sizes()?;
+            self.learn_mesh_sizes(!settlements.is_empty())?;
             return Ok(Seen::Settlements(settlements));
         }
         Ok(Seen::Stopped(std::mem::take(&mut self.stopped)))

@@ -36,11 +36,11 @@ impl Decider {
         }
         for (position, given) in plans.iter().enumerate() {
             let position = position as i64;
-            let text = serde_json::to_string(given).expect("a plan is JSON");
+            let text = || serde_json::to_string(given).expect("a plan is JSON");
             let Some(i) = books.by_name(given.id.as_str()) else {
                 let row = PlanRow {
                     patient_id: 0,
-                    given: text,
+                    given: text(),
                     overrides: "{}".into(),
                     carried: "[]".into(),
                     plan: None,
@@ -52,12 +52,12 @@ impl Decider {
                 *present = true;
             }
             books.enrol(i, position);
-            if books.patient(i).plan_row.given != text {
+            if !books.is_given(i, given) {
                 let overrides = self.overrides(books, i)?;
                 // Plans are parsed from their rows on first use. Parse the old plan now, before the
                 // row is overwritten.
                 let _ = books.plan(i);
-                books.set_given(i, text);
+                books.set_given(i, text());
                 self.replan(
                     books,
                     i,
@@ -123,16 +123,16 @@ impl Decider {
     /// Decides for every patient. Settled patients are skipped if this program decided last.
     ///
     /// - `program`: identity of the program that decided last
-    /// - `is_settled`: whether a patient needs no new decision by the same program
+    /// - `is_settled`: whether a patient, by index, needs no new decision by the same program
     pub fn decide_all(
         &mut self,
         books: &mut Books,
         program: Option<&String>,
-        is_settled: impl Fn(&Patient) -> bool,
+        is_settled: impl Fn(&Books, usize) -> bool,
     ) -> Result<(), EngineError> {
         let is_the_same = program_identity::is_this_program(program);
         for i in 0..books.patients().len() {
-            if !(is_the_same && is_settled(&books.patient(i).row.state)) {
+            if !(is_the_same && is_settled(books, i)) {
                 self.decide(books, i)?;
             }
         }

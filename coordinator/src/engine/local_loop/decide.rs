@@ -10,7 +10,7 @@ use cardiotwin_workflow::task::Task;
 
 use super::{Beginning, LocalLoop, Sight};
 use crate::dispatch::{Evidence, Executor, Found, News};
-use crate::engine::books::AttemptEntry;
+use crate::engine::books::{AttemptEntry, Books};
 use crate::engine::decider::Circumstance;
 use crate::engine::{EngineError, EngineEvent, StopLevel, cores, requests, worker_identity};
 use crate::store::outbox::Action;
@@ -46,7 +46,7 @@ impl<E: Executor> LocalLoop<E> {
             }
         }
         if let Some(Beginning { decided_by }) = seen.beginning {
-            let is_settled = |patient: &Patient| matches!(patient, Patient::Done);
+            let is_settled = |books: &Books, i| matches!(books.patient(i).row.state, Patient::Done);
             self.decider
                 .decide_all(&mut self.books, decided_by.as_ref(), is_settled)?;
         }

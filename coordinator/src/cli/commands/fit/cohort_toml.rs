@@ -157,7 +157,7 @@ mod tests {
                 let mut report = Report::default();
                 let cohort = load(folder.path(), &Options::default(), &mut report).unwrap();
                 assert_eq!(report.findings(), [], "{text}");
-                let step2 = cohort.plans().remove(0).settings.step2;
+                let step2 = cohort.plans().remove(0).settings.step2.clone();
                 for (name, estimate) in by_name(&fit) {
                     let held = step2
                         .frozen
