@@ -318,4 +318,13 @@ fn what_cannot_be_searched_is_named() {
     call(&["discover", "patients/dev-008"])
         .expect(3)
         .complains_of(&["measured.volume", "both pressure and volume"]);
+    call(&["discover", ".", "--strict"])
+        .expect(3)
+        .complains_of(&["measured.volume", "both pressure and volume"]);
+    // One bad patient does not stop the others.
+    let said = call(&["discover", ".", "--effects", "pressure_offset"])
+        .expect(1)
+        .complains_of(&["measured.volume", "dev-008 refused: 1 error in its files"]);
+    let searched = format!("{} patients searched", CASES.len() - 1);
+    assert!(said.err.contains(&searched), "{}", said.err);
 }

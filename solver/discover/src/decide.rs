@@ -79,8 +79,10 @@ pub fn discover(
     };
     let nameless = stages[0].own.nameless();
     let accepted: Vec<usize> = losses.iter().map(|loss| loss.term).collect();
-    let beat_of =
-        |fit: &Fit| problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
+    let beat_of = |fit: &Fit| {
+        let near = problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
+        near.or_else(|| problem.predict(&fit.structure, &fit.values(), None))
+    };
     let (before, after) = (
         beat_of(&base).ok_or(DiscoverError::NoBaseFit)?,
         beat_of(&current).ok_or(DiscoverError::NoBaseFit)?,
@@ -204,6 +206,7 @@ pub fn discover(
         n_evaluations: n_evaluations as u64,
         phases,
         series,
+        beats: [before, after],
     })
 }
 

@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVector};
 /// need several.
 const ROUNDS: usize = 12;
 /// Weights before the misfit is known.
-const UNIT: Weights = Weights {
+pub(crate) const UNIT: Weights = Weights {
     pressure: 1.0,
     volume: 1.0,
 };

@@ -1,6 +1,7 @@
 //! Result of a search, as written to files.
 
 use crate::calibration::Calibration;
+use crate::forward::Prediction;
 use crate::locate::Phases;
 use cardiotwin_vocabulary::findings::{DiscoverSeries, Findings};
 use serde::{Deserialize, Serialize};
@@ -28,4 +29,9 @@ pub struct Discovery {
     pub phases: Phases,
     /// What can be drawn.
     pub series: DiscoverSeries,
+    /// Beats of the base model and of the model with the accepted effects. They are found beside
+    /// the fits, from orbits near by: a beat sought from rest may not settle in the same number of
+    /// beats.
+    #[serde(skip)]
+    pub beats: [Prediction; 2],
 }

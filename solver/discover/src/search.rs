@@ -1,10 +1,14 @@
 //! Fit of the base from several starts, and joint refits with every candidate.
 
-use crate::fit::Fit;
+use crate::fit::{Fit, UNIT};
 use crate::forward::Candidate;
 use crate::least_squares::Settings;
+use crate::parameter::Parameter;
 use crate::problem::{N_BUMPS, Problem, Structure};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64;
 use rayon::prelude::*;
+use std::f64::consts::TAU;
 
 /// Largest rise of the deviance by a further term before its fit counts as failed.
 pub const RISE: f64 = 0.2;
@@ -40,7 +44,13 @@ fn start_z(candidate: &Candidate, values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Fits the base model from all its starts; `None` if the model has no beat at any of them.
+/// Number of points of the prior that are tried where the base model has no beat at its starts.
+const N_DRAWS: usize = 256;
+/// Number of fits from the best of them.
+const N_FROM_DRAWS: usize = 4;
+
+/// Fits the base model from all its starts, or from points of its prior where it has no beat at any
+/// start; `None` if it has no beat at any of these points, either.
 #[must_use]
 pub fn fit_base(problem: &Problem<'_>, settings: &Settings) -> Option<Fit> {
     let n = problem.forward.base().len();
@@ -50,11 +60,45 @@ pub fn fit_base(problem: &Problem<'_>, settings: &Settings) -> Option<Fit> {
         max_iterations: settings.max_iterations * 2,
         ..*settings
     };
-    let fits: Vec<Option<Fit>> = starts
-        .par_iter()
-        .map(|z| problem.fit(&Structure::default(), z, None, &settings))
+    let fit = |starts: &[Vec<f64>]| {
+        let fits: Vec<Option<Fit>> = starts
+            .par_iter()
+            .map(|z| problem.fit(&Structure::default(), z, None, &settings))
+            .collect();
+        best(fits)
+    };
+    fit(&starts).or_else(|| fit(&likely_starts(problem)))
+}
+
+/// Points of the prior at which the base model has a beat, the best ones first.
+fn likely_starts(problem: &Problem<'_>) -> Vec<Vec<f64>> {
+    let parameters = problem.forward.base();
+    let mut random = Pcg64::seed_from_u64(0);
+    let draws: Vec<Vec<f64>> = (0..N_DRAWS)
+        .map(|_| {
+            let draw = |p: &Parameter| {
+                let (lower, upper) = p.z_bounds();
+                // Box–Muller transform.
+                let (u, v): (f64, f64) = (random.random(), random.random());
+                let z = (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos();
+                z.clamp(lower, upper)
+            };
+            parameters.iter().map(draw).collect()
+        })
         .collect();
-    best(fits)
+    let misfit = |z: &Vec<f64>| {
+        let found = problem.residuals(&Structure::default(), parameters, z, UNIT, None);
+        found.map(|(residuals, _)| residuals.norm_squared())
+    };
+    let misfits: Vec<Option<f64>> = draws.par_iter().map(misfit).collect();
+    let mut found: Vec<(f64, Vec<f64>)> = misfits
+        .into_iter()
+        .zip(draws)
+        .filter_map(|(misfit, z)| Some((misfit?, z)))
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.truncate(N_FROM_DRAWS);
+    found.into_iter().map(|(_, z)| z).collect()
 }
 
 /// Adds one term to a structure, from the optimum without it and all starts of the term. The result

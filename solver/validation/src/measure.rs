@@ -1,8 +1,8 @@
 //! Clinical measurement of a beat: noisy traces and scalars, with stated noise levels.
 
-use crate::circulation::Beat;
+use crate::circulation::{Beat, Heart};
 use crate::hidden::{Hidden, Instruments};
-use crate::patient::{draw, implausible};
+use crate::patient;
 use crate::random::Random;
 
 /// Noise levels stated in the patient file; each has an error of about 10 %.
@@ -107,6 +107,29 @@ impl Case {
     /// `noise` times the usual level. `None` if no plausible patient with these effects was drawn.
     #[must_use]
     pub fn draw(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
+        Self::of_heart(seed, effects, noise, (patient::draw, patient::implausible))
+    }
+
+    /// As [`Case::draw`], for an extreme heart.
+    #[must_use]
+    pub fn draw_extreme(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
+        Self::of_heart(
+            seed,
+            effects,
+            noise,
+            (patient::draw_extreme, patient::refused),
+        )
+    }
+
+    fn of_heart(
+        seed: u64,
+        effects: &[(&str, usize)],
+        noise: f64,
+        (draw, refused): (
+            impl Fn(&mut Random) -> Heart,
+            impl Fn(&Beat) -> Option<String>,
+        ),
+    ) -> Option<Self> {
         for attempt in 0..TRIES {
             let mut random = Random::new(seed, 2 * attempt);
             let mut heart = draw(&mut random);
@@ -118,7 +141,7 @@ impl Case {
             hidden
                 .iter()
                 .for_each(|h| h.add(&mut heart, &mut instruments));
-            if let Some(beat) = heart.beat().filter(|beat| implausible(beat).is_none()) {
+            if let Some(beat) = heart.beat().filter(|beat| refused(beat).is_none()) {
                 let mut random = Random::new(seed, 2 * attempt + 1);
                 let wall_ml = heart.left.reference_ml * random.between(0.7, 1.0);
                 let traces = instruments_on(&beat, &instruments);

@@ -81,6 +81,56 @@ pub fn draw(random: &mut Random) -> Heart {
     }
 }
 
+/// Draws a heart that no clinic may ever see: the properties of [`draw`], each far beyond the range
+/// of patients.
+#[must_use]
+pub fn draw_extreme(random: &mut Random) -> Heart {
+    let mut heart = draw(random);
+    let mut times = |value: &mut f64, low: f64, high: f64| *value *= random.log_between(low, high);
+    let mut cycle = heart.cycle_ms as f64;
+    times(&mut cycle, 0.75, 1.4);
+    heart.cycle_ms = cycle.round() as usize;
+    times(&mut heart.left.reference_ml, 0.3, 2.5);
+    times(&mut heart.left.peak_mmhg, 0.4, 1.8);
+    times(&mut heart.left.rate_loss, 0.2, 4.0);
+    times(&mut heart.left.passive_mmhg, 0.4, 2.5);
+    times(&mut heart.left.passive_exponent, 0.5, 2.0);
+    times(&mut heart.atrial_compliance, 0.4, 2.5);
+    times(&mut heart.mitral.resistance, 0.3, 5.0);
+    times(&mut heart.aortic.resistance, 0.3, 5.0);
+    times(&mut heart.arterial_compliance.0, 0.3, 3.0);
+    times(&mut heart.arterial_compliance.1, 0.3, 3.0);
+    times(&mut heart.wanted.0, 0.3, 2.5);
+    times(&mut heart.wanted.1, 0.6, 1.5);
+    heart
+}
+
+/// Reason why a beat is not measured at all: the program's own checks refuse its traces.
+#[must_use]
+pub fn refused(beat: &Beat) -> Option<String> {
+    let range = |v: &[f64]| {
+        v.iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
+    };
+    let (least, peak) = range(&beat.pressure);
+    let (end_systolic, end_diastolic) = range(&beat.volume);
+    let checks = [
+        ("peak pressure", peak, 60.0, 330.0),
+        ("least pressure over the peak", least / peak, -0.1, 0.3),
+        ("end-diastolic volume", end_diastolic, 6.0, 800.0),
+        (
+            "ejection fraction",
+            1.0 - end_systolic / end_diastolic,
+            0.08,
+            0.88,
+        ),
+    ];
+    checks
+        .iter()
+        .find(|(_, value, low, high)| !(low..=high).contains(&value))
+        .map(|(name, value, low, high)| format!("{name} is {value:.2}, not {low} to {high}"))
+}
+
 /// Reason why a beat cannot be that of a patient; `None` if it is plausible.
 #[must_use]
 pub fn implausible(beat: &Beat) -> Option<String> {

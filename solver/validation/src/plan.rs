@@ -3,6 +3,7 @@
 
 use crate::hidden::{HARD, NAMES, OFF_CATALOGUE};
 use crate::measure::Case;
+use crate::random::Random;
 
 /// Sets of cases, by content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,6 +16,8 @@ pub enum Plan {
     Doubles,
     /// Cases with a gap outside the catalogue.
     OffCatalogue,
+    /// Extreme hearts with up to three effects and any noise: does the search always answer?
+    Extremes,
 }
 
 /// A case to generate.
@@ -28,6 +31,8 @@ pub struct PlannedCase {
     pub noise: f64,
     /// Whether the data can hardly resolve the effects.
     pub hard: bool,
+    /// Whether the heart is an extreme one.
+    pub extreme: bool,
     seed: u64,
 }
 
@@ -59,6 +64,7 @@ impl Plan {
             Self::Singles => ("single", 2),
             Self::Doubles => ("double", 3),
             Self::OffCatalogue => ("off", 4),
+            Self::Extremes => ("extreme", 5),
         };
         (0..n)
             .map(|i| {
@@ -84,6 +90,7 @@ impl Plan {
                         let k = OFF_CATALOGUE.len();
                         (vec![(OFF_CATALOGUE[i % k], 1 + i / k % 3)], 1.0)
                     }
+                    Self::Extremes => extreme(&mut Random::new(seed, 500_000 + i as u64)),
                 };
                 let hard = effects.iter().any(|(name, _)| HARD.contains(name));
                 let seed = seed
@@ -94,6 +101,7 @@ impl Plan {
                     effects,
                     noise,
                     hard,
+                    extreme: self == Self::Extremes,
                     seed,
                 }
             })
@@ -107,11 +115,29 @@ impl Plan {
     }
 }
 
+/// Effects and noise of an extreme case.
+fn extreme(random: &mut Random) -> (Vec<(&'static str, usize)>, f64) {
+    let n = random.between(0.0, 4.0) as usize;
+    let mut effects: Vec<(&'static str, usize)> = Vec::new();
+    while effects.len() < n {
+        let name = NAMES[random.between(0.0, NAMES.len() as f64) as usize].0;
+        if effects.iter().all(|(other, _)| *other != name) {
+            effects.push((name, random.between(0.0, 4.0) as usize));
+        }
+    }
+    (effects, random.log_between(0.2, 4.0))
+}
+
 impl PlannedCase {
     /// Generates the case; `None` if no plausible patient has these effects.
     #[must_use]
     pub fn make(&self) -> Option<Case> {
-        Case::draw(self.seed, &self.effects, self.noise)
+        let draw = if self.extreme {
+            Case::draw_extreme
+        } else {
+            Case::draw
+        };
+        draw(self.seed, &self.effects, self.noise)
     }
 
     /// Seed of the case, its only source of randomness.

@@ -322,19 +322,6 @@ impl<S: Scheduler> Cluster<S> {
         Ok(output)
     }
 
-    /// Reads how large the meshes of patients are who may be placed in jobs.
-    ///
-    /// - `frees`: whether jobs ended, whose patients may want a place
-    fn learn_mesh_sizes(&mut self, frees: bool) -> Result<(), EngineError> {
-        for (i, patient) in self.books.patients().iter().enumerate() {
-            let may_want = frees && patient.selected && !patient.row.state.is_final();
-            if may_want || place::wants_place(&self.books, i) {
-                self.mesh_sizes.learn(self.books.plan(i)?);
-            }
-        }
-        Ok(())
-    }
-
     fn take_requests(&mut self, pending: Vec<Pending>) -> Result<(), EngineError> {
         let (told, applied) = requests::apply(&mut self.books, &mut self.decider, pending)?;
         told.into_iter().for_each(|event| self.decider.tell(event));

@@ -90,6 +90,19 @@ impl<S: Scheduler> Cluster<S> {
         Ok(())
     }
 
+    /// Reads how large the meshes of patients are who may be placed in jobs.
+    ///
+    /// - `frees`: whether jobs ended, whose patients may want a place
+    pub(super) fn learn_mesh_sizes(&mut self, frees: bool) -> Result<(), EngineError> {
+        for (i, patient) in self.books.patients().iter().enumerate() {
+            let may_want = frees && patient.selected && !patient.row.state.is_final();
+            if may_want || wants_place(&self.books, i) {
+                self.mesh_sizes.learn(self.books.plan(i)?);
+            }
+        }
+        Ok(())
+    }
+
     fn intended(&self) -> u32 {
         use cardiotwin_workflow::cluster_job::Submission;
         let rows = self

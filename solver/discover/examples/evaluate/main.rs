@@ -7,7 +7,7 @@
 //!
 //! It writes one JSON line per case to standard output and the table to standard error. With
 //! `--out` the lines go to a file, and cases that the file already contains are skipped, so that a
-//! stopped command can be continued. `--part development` selects the 24 cases with which the
+//! stopped command can be continued. Cases without an answer are counted and tried again. `--part development` selects the 24 cases with which the
 //! search was developed, `--part aside` all others.
 
 mod load;
@@ -121,14 +121,24 @@ fn run() -> Result<(), String> {
     ids.retain(|id| results.iter().all(|(known, _)| known != id));
     let start = Instant::now();
     let mut slowest = 0.0f64;
+    let mut unanswered = Vec::new();
     for id in &ids {
         let mut measured = load::measured(&arguments.folder.join("patients").join(id))?;
         if !arguments.side {
             measured.side = Default::default();
         }
         let begin = Instant::now();
-        let found = discover(&measured, &Reduced::new(&measured), &settings)
-            .map_err(|e| format!("{id}: {e}"))?;
+        let answer = std::panic::catch_unwind(|| {
+            discover(&measured, &Reduced::new(&measured), &settings).map_err(|e| e.to_string())
+        });
+        let found = match answer.unwrap_or_else(|_| Err("the search panicked".to_owned())) {
+            Ok(found) => found,
+            Err(why) => {
+                eprintln!("{id}: no answer: {why}");
+                unanswered.push(id.clone());
+                continue;
+            }
+        };
         let seconds = begin.elapsed().as_secs_f64();
         slowest = slowest.max(seconds);
         let mut line = serde_json::to_value(&found).map_err(|e| e.to_string())?;
@@ -142,9 +152,10 @@ fn run() -> Result<(), String> {
         results.push((id.clone(), found));
     }
     eprintln!(
-        "{} cases in {:.0} s, the slowest {slowest:.1} s",
+        "{} cases in {:.0} s, the slowest {slowest:.1} s, {} without an answer {unanswered:?}",
         ids.len(),
-        start.elapsed().as_secs_f64()
+        start.elapsed().as_secs_f64(),
+        unanswered.len()
     );
     if !labels.is_empty() {
         eprint!("{}", score::table(&results, &labels));

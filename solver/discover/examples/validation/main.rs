@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N]
-//!     [--seed N] [--jobs N] [--no-visibility]
+//!     [--extremes N] [--seed N] [--jobs N] [--no-visibility]
 //! ```
 //!
 //! `other` is the independent closed loop of `solver/validation`, `same` is the model that is
@@ -35,7 +35,7 @@ struct Arguments {
 
 fn arguments() -> Result<Arguments, String> {
     let mut all = std::env::args().skip(1);
-    let usage = "usage: validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--seed N]";
+    let usage = "usage: validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--extremes N] [--seed N]";
     let folder = all.next().ok_or(usage)?;
     let mut parsed = Arguments {
         folder: folder.into(),
@@ -62,6 +62,7 @@ fn arguments() -> Result<Arguments, String> {
             "--singles" => parsed.sets.push((Plan::Singles, number()?)),
             "--doubles" => parsed.sets.push((Plan::Doubles, number()?)),
             "--off" => parsed.sets.push((Plan::OffCatalogue, number()?)),
+            "--extremes" => parsed.sets.push((Plan::Extremes, number()?)),
             "--seed" => parsed.seed = number()? as u64,
             "--jobs" => parsed.jobs = number()?,
             _ => return Err(format!("unknown argument {flag} {value}\n{usage}")),

@@ -27,17 +27,14 @@ pub fn result(
         .left_atrial_pressure_mmhg
         .map(|pressure| model::stated_filling(reduced, &found, &patient.data, pressure))
         .transpose()?;
-    let (before, after) = (
-        model::beat(reduced, &found, false)?,
-        model::beat(reduced, &found, true)?,
-    );
+    let [before, after] = &found.beats;
     let mut search = settings.search.clone();
     if search.effects.is_empty() {
         let tried = reduced.candidates().iter();
         search.effects = tried.map(|candidate| candidate.name.clone()).collect();
     }
     let (biomarkers, model) = (
-        biomarkers(patient, &before, &after)?,
+        biomarkers(patient, before, after)?,
         model::accepted(reduced, &found)?,
     );
     Ok(Discovered {

@@ -16,24 +16,6 @@ use crate::error::TaskError;
 /// A term of the model with its fitted values.
 type Term = (usize, Vec<f64>);
 
-/// Beat of the fitted base values, with the accepted effects or without.
-///
-/// # Errors
-/// [`TaskError::SearchEnded`] when the model has no beat for the parameters that the search found.
-pub fn beat(model: &Reduced, found: &Discovery, accepted: bool) -> Result<Prediction, TaskError> {
-    let base = values(if accepted {
-        &found.base
-    } else {
-        &found.base_before
-    })?;
-    let terms = if accepted {
-        terms(model, found)
-    } else {
-        Vec::new()
-    };
-    predict(model, &base, &terms).ok_or(TaskError::SearchEnded)
-}
-
 fn predict(model: &Reduced, base: &[f64], terms: &[Term]) -> Option<Prediction> {
     let terms: Vec<(usize, &[f64])> = terms
         .iter()

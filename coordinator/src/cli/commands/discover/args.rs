@@ -24,6 +24,9 @@ pub struct DiscoverArgs {
     /// Search only this patient of the cohort (may be given several times)
     #[arg(long = "patient", value_name = "PATIENT", conflicts_with = "all")]
     pub(super) patients: Vec<String>,
+    /// Search no patient of the cohort if any has an error in its files
+    #[arg(long)]
+    pub(super) strict: bool,
     /// Write the found effects into the patient's model.toml, which the next `cardiotwin run` uses
     #[arg(long, conflicts_with = "revert")]
     pub(super) accept: bool,

@@ -100,6 +100,13 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     for (patient, failure) in &ended.failures {
         talk.say(&format!("{patient} failed: {failure}"));
     }
+    for refused in &source.refused {
+        let errors = count(refused.errors.len(), "error");
+        talk.say(&format!(
+            "{} refused: {errors} in its files",
+            refused.patient
+        ));
+    }
     let wall = duration(began.elapsed().as_secs_f64());
     talk.say(&format!(
         "{} searched in {wall}; report: {}",
@@ -110,7 +117,7 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         talk.say("stopped; no finished result is lost, and the same command continues");
         return Ok(Exit::Interrupted);
     }
-    Ok(if ended.failures.is_empty() {
+    Ok(if ended.failures.is_empty() && source.refused.is_empty() {
         Exit::Ok
     } else {
         Exit::Problems

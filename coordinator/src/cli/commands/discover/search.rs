@@ -49,7 +49,7 @@ pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<En
         description: "search for missing effects".to_owned(),
         cohort_dir: source.folder.clone(),
         patients: Some(source.patients.iter().map(member).collect()),
-        refused: Vec::new(),
+        refused: source.refused.clone(),
         only: Vec::new(),
         executor: executor(args.jobs, source.patients.len()),
         worker: args.worker.clone(),

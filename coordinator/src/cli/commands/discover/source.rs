@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::status::RefusedPatient;
 use cardiotwin_schemas::task::TaskSpec;
 
 use super::args::DiscoverArgs;
@@ -24,6 +25,8 @@ pub struct Source {
     pub cohort: Option<PathBuf>,
     /// Patients to search, in the cohort's order.
     pub patients: Vec<Searched>,
+    /// Patients of a cohort that have errors in their files.
+    pub refused: Vec<RefusedPatient>,
     one: bool,
 }
 
@@ -41,8 +44,9 @@ impl Source {
     /// Reads the folder that the arguments name.
     ///
     /// # Errors
-    /// [`CliError::Usage`] if it holds neither a patient nor a cohort, [`CliError::Input`] if the
-    /// input has errors.
+    /// [`CliError::Usage`] if it holds neither a patient nor a cohort; [`CliError::Input`] if the
+    /// patient or `cohort.toml` has errors, if no patient of a cohort is free of them, or, with
+    /// `--strict`, if any patient has one.
     pub fn read(args: &DiscoverArgs, talk: &Talk) -> Result<Self, CliError> {
         let folder = &args.folder;
         let mut report = Report::default();
@@ -81,12 +85,15 @@ impl Source {
                 return Err(CliError::Usage(message));
             }
         };
-        let patients = patients
+        let mut patients: Vec<Searched> = patients
             .into_iter()
             .filter_map(|patient| searched(patient, args, &mut report))
             .collect();
         problems::say(&report, talk);
-        if report.n_errors() > 0 {
+        let refused = problems::refused(&report);
+        patients.retain(|searched| !report.has_error_of(&searched.patient.id));
+        let must_be_sound = one || args.strict || report.has_error_of_cohort();
+        if report.n_errors() > 0 && (must_be_sound || patients.is_empty()) {
             return Err(CliError::Input {
                 errors: count(report.n_errors(), "error"),
             });
@@ -97,6 +104,7 @@ impl Source {
             folder: folder.clone(),
             cohort,
             patients,
+            refused,
             one,
         })
     }
