@@ -92,6 +92,22 @@ impl Cluster {
         });
     }
 
+    /// Resumes nodes that Slurm drained for a job number that was given twice, as sites do: a
+    /// controller that is killed before it has saved its last jobs gives their numbers again.
+    pub fn resume_drained(&self) {
+        if !self.lives("slurmctld") {
+            return;
+        }
+        let reasons = self.slurm("sinfo", &["-h", "-R", "-o", "%E|%N"]);
+        for nodes in reasons
+            .lines()
+            .filter_map(|row| row.strip_prefix("Duplicate jobid|"))
+        {
+            let update = ["update", &format!("nodename={nodes}"), "state=resume"];
+            let _ = self.slurm("scontrol", &update);
+        }
+    }
+
     fn pid(&self, daemon: &str) -> Option<u32> {
         std::fs::read_to_string(self.folder.join(format!("run/{daemon}.pid")))
             .ok()?

@@ -48,13 +48,19 @@ fn drivers(cohort: &Cohort) -> Vec<PathBuf> {
 struct Coordinator<'a> {
     cohort: &'a Cohort<'a>,
     process: Child,
+    /// Time at which drained nodes were looked for.
+    looked: Instant,
 }
+
+/// Time between two looks for drained nodes.
+const LOOK: Duration = Duration::from_secs(10);
 
 impl<'a> Coordinator<'a> {
     fn start(cohort: &'a Cohort<'a>) -> Self {
         Self {
             cohort,
             process: cohort.watch(),
+            looked: Instant::now(),
         }
     }
 
@@ -67,6 +73,10 @@ impl<'a> Coordinator<'a> {
     /// is started again.
     #[track_caller]
     fn is_over(&mut self) -> bool {
+        if self.looked.elapsed() > LOOK {
+            self.cohort.cluster.resume_drained();
+            self.looked = Instant::now();
+        }
         match self
             .process
             .try_wait()
