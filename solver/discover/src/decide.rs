@@ -54,7 +54,7 @@ pub fn discover(
     measured.validate()?;
     let candidates = forward.candidates();
     let among = chosen(forward, &settings.search.effects)?;
-    let views = Views::new(measured, &settings.model_discrepancy);
+    let views = Views::new(measured, &settings.model_discrepancy, &settings.learnt);
     let data = &views.plain;
     let search = Search {
         views: &views,

@@ -8,6 +8,7 @@
 
 use crate::fit::Fit;
 use crate::forward::Forward;
+use crate::learnt::Learnt;
 use crate::least_squares::Settings;
 use crate::measured::Measured;
 use crate::noise::ModelDiscrepancy;
@@ -46,10 +47,11 @@ pub struct Views {
 impl Views {
     /// Computes the covariances of all views.
     #[must_use]
-    pub fn new(measured: &Measured, model_discrepancy: &ModelDiscrepancy) -> Self {
+    pub fn new(measured: &Measured, model_discrepancy: &ModelDiscrepancy, learnt: &Learnt) -> Self {
+        let wide = ModelDiscrepancy::discrepancy();
         Self {
-            plain: Data::new(measured.clone(), model_discrepancy),
-            traces: Data::new(measured.clone(), &ModelDiscrepancy::discrepancy()),
+            plain: Data::new(measured.clone(), model_discrepancy, learnt),
+            traces: Data::new(measured.clone(), &wide, learnt),
         }
     }
 

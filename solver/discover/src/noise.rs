@@ -256,6 +256,22 @@ impl Signal {
         }
     }
 
+    /// The same signal with further errors of the model, each a curve whose factor is standard
+    /// normal.
+    #[must_use]
+    pub fn widened(&self, curves: &[Vec<f64>]) -> Self {
+        if curves.is_empty() {
+            return self.clone();
+        }
+        let mut covariance = self.covariance.clone();
+        for curve in curves {
+            let curve = nalgebra::DVector::from_column_slice(curve);
+            covariance += &curve * curve.transpose();
+        }
+        let (time, value) = (self.time_ms.clone(), self.value.clone());
+        Self::new(time, value, self.noise_sd, covariance, self.factor_sd)
+    }
+
     /// Number of data in the signal.
     #[must_use]
     pub fn len(&self) -> usize {

@@ -2,9 +2,11 @@
 //! data.
 
 use crate::forward::{Forward, Prediction, Request};
+use crate::learnt::{Learnt, widened};
 use crate::measured::Measured;
 use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
 use crate::parameter::Parameter;
+use crate::phases::Phases;
 use cardiotwin_models::periodic::Orbit;
 use nalgebra::DVector;
 
@@ -31,10 +33,13 @@ pub struct Data {
 impl Data {
     /// Computes bins, covariances and noise levels of measured data.
     #[must_use]
-    pub fn new(measured: Measured, model_discrepancy: &ModelDiscrepancy) -> Self {
+    pub fn new(measured: Measured, model_discrepancy: &ModelDiscrepancy, learnt: &Learnt) -> Self {
         let levels = NoiseLevels::of(&measured);
         let pressure = pressure_signal(&measured, &levels, model_discrepancy);
         let volume = volume_signal(&measured, &levels, model_discrepancy);
+        let phases = Phases::of(&pressure, &volume, measured.cycle_ms);
+        let pressure = widened(&pressure, &learnt.pressure, &phases, measured.cycle_ms);
+        let volume = widened(&volume, &learnt.volume, &phases, measured.cycle_ms);
         Self {
             measured,
             levels,

@@ -338,6 +338,7 @@ impl Reduced {
                 Vec::new(),
             )
             .ok()?,
+            inertances: [0.0; 2],
         })
     }
 }

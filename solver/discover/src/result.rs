@@ -2,7 +2,7 @@
 
 use crate::calibration::Calibration;
 use crate::forward::Prediction;
-use crate::locate::Phases;
+use crate::phases::Phases;
 use cardiotwin_vocabulary::findings::{DiscoverSeries, Findings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -3,8 +3,9 @@
 
 use crate::forward::Prediction;
 use crate::held_out::HeldOut;
-use crate::locate::{PHASES, Phases};
+
 use crate::noise::Signal;
+use crate::phases::{PHASES, Phases};
 use crate::problem::Data;
 use cardiotwin_vocabulary::findings::{
     ComparedSignal, DiscoverSeries, GapAt, PhaseBegin, SimulatedCurves,
@@ -34,7 +35,7 @@ impl Tabulated {
         held_before: Option<&HeldOut>,
         held_after: Option<&HeldOut>,
     ) -> Self {
-        let phases = Phases::of(data);
+        let phases = Phases::of(&data.pressure, &data.volume, data.measured.cycle_ms);
         let at = |signal: &Signal, beat: &Prediction, trace: &[f64]| -> Vec<f64> {
             signal.time_ms.iter().map(|t| beat.at(trace, *t)).collect()
         };

@@ -2,6 +2,7 @@
 
 use cardiotwin_vocabulary::findings::SearchSettings;
 
+use crate::learnt::Learnt;
 use crate::least_squares::Settings as FitSettings;
 use crate::noise::ModelDiscrepancy;
 
@@ -12,6 +13,8 @@ pub struct Settings {
     pub fit: FitSettings,
     /// Discrepancy that the model may show although no effect is missing.
     pub model_discrepancy: ModelDiscrepancy,
+    /// Discrepancies learnt on healthy hearts, besides; none by default.
+    pub learnt: Learnt,
     /// Candidates and criteria. Without names of candidates, all effects of the catalogue are
     /// tried.
     pub search: SearchSettings,
@@ -24,6 +27,7 @@ impl Default for Settings {
         Self {
             fit: FitSettings::default(),
             model_discrepancy: ModelDiscrepancy::default(),
+            learnt: Learnt::default(),
             search: SearchSettings::default(),
             seed: 1,
         }

@@ -2,6 +2,7 @@
 //! lungs and left atrium.
 
 use crate::activation::{Course, Twitch};
+use crate::sarcomere::{N_GROUPS, Sarcomere, Sarcomeres};
 use crate::valve::{Valve, ValveState};
 
 /// Flow through an orifice of 1 cm² under 1 mmHg \[mL/s\]: √(2/ρ).
@@ -44,6 +45,9 @@ pub struct LeftVentricle {
     pub twitch: Twitch,
     /// Modifications of the activation.
     pub course: Course,
+    /// Sarcomeres of a spherical wall, in the place of the elastance: peak, dead share, curve,
+    /// loss with outflow, passive law and twitch then count no more.
+    pub sarcomeres: Option<Sarcomeres>,
 }
 
 impl LeftVentricle {
@@ -167,6 +171,7 @@ struct State {
     link_flow: f64,
     maxwell: f64,
     deactivation: f64,
+    sarcomeres: [Sarcomere; N_GROUPS],
     valves: [ValveState; 4],
 }
 
@@ -183,6 +188,14 @@ struct Pressures {
 }
 
 impl Heart {
+    /// Multiplies the active pressure or stress of the left ventricle.
+    pub fn strengthen(&mut self, factor: f64) {
+        self.left.peak_mmhg *= factor;
+        if let Some(wall) = &mut self.left.sarcomeres {
+            wall.active_kpa *= factor;
+        }
+    }
+
     fn start(&self) -> State {
         let (p_la, p_art) = self.wanted;
         State {
@@ -197,6 +210,7 @@ impl Heart {
             link_flow: 0.0,
             maxwell: 0.0,
             deactivation: 0.0,
+            sarcomeres: [Sarcomere::default(); N_GROUPS],
             valves: [ValveState::default(); 4],
         }
     }
@@ -212,14 +226,17 @@ impl Heart {
             p.pressure_mmhg * ((s.left + s.right + s.atrium - p.volume_ml) / p.scale_ml).exp()
         });
         let out = (s.valves[1].flow - s.valves[0].flow).max(0.0);
-        let strength = (1.0 - self.left.rate_loss * out).max(0.0) * (1.0 - s.deactivation).max(0.0);
         let right =
             around + (self.right.1 + (self.right.0 - self.right.1) * right_activation) * s.right;
-        let left = around
-            + self.left.passive(s.left)
-            + left_activation * strength * self.left.active(s.left)
-            + s.maxwell
-            + self.left.septal_share * (right - around);
+        let kept = (1.0 - s.deactivation).max(0.0);
+        let wall = match &self.left.sarcomeres {
+            Some(wall) => wall.pressure(s.left, &s.sarcomeres, &self.left.course, kept),
+            None => {
+                let strength = (1.0 - self.left.rate_loss * out).max(0.0) * kept;
+                self.left.passive(s.left) + left_activation * strength * self.left.active(s.left)
+            }
+        };
+        let left = around + wall + s.maxwell + self.left.septal_share * (right - around);
         let added = self
             .atrial_contraction
             .map_or(0.0, |a| a.elastance * atrial);
@@ -236,7 +253,9 @@ impl Heart {
     }
 
     /// One time step: flows from the pressures at its start, volumes from the flows at its end.
-    fn step(&self, s: &State, p: &Pressures, dt: f64, resistance: f64) -> State {
+    ///
+    /// - `since_ms`: time since the onset of the ventricles
+    fn step(&self, s: &State, p: &Pressures, (since_ms, dt): (f64, f64), resistance: f64) -> State {
         let valves = [
             self.mitral.step(s.valves[0], p.atrium - p.left, dt),
             self.aortic.step(s.valves[1], p.left - p.root, dt),
@@ -274,6 +293,13 @@ impl Heart {
             deactivation: self.left.deactivation.map_or(0.0, |(per_ml, tau)| {
                 (s.deactivation + dt * per_ml * (-rate).max(0.0)) / (1.0 + dt / tau)
             }),
+            sarcomeres: match &self.left.sarcomeres {
+                Some(wall) => {
+                    let at = (since_ms, self.cycle_ms as f64);
+                    wall.step(&s.sarcomeres, s.left, at, &self.left.course, dt)
+                }
+                None => s.sarcomeres,
+            },
             valves,
         }
     }
@@ -319,7 +345,8 @@ impl Heart {
                     beat.aortic_flow.push(state.valves[1].flow);
                     beat.mitral_flow.push(state.valves[0].flow);
                 }
-                state = self.step(&state, &p, dt, resistance);
+                let since_ms = i as f64 / STEPS_PER_MS as f64 - self.onset_ms;
+                state = self.step(&state, &p, (since_ms, dt), resistance);
                 beat.forward_ml += dt * state.valves[1].flow;
             }
             if !state.left.is_finite() || state.left < 5.0 {

@@ -204,7 +204,12 @@ impl Hidden {
                 );
             }
             "delayed_relaxation" => heart.left.course.relaxation_ms = self.value("tau_ms"),
-            "passive_stiffening" => heart.left.passive_exponent *= self.value("exponent_factor"),
+            "passive_stiffening" => {
+                heart.left.passive_exponent *= self.value("exponent_factor");
+                if let Some(wall) = &mut heart.left.sarcomeres {
+                    wall.passive_exponent *= self.value("exponent_factor");
+                }
+            }
             "pericardial_constraint" => {
                 let atrium_ml = heart.atrial_compliance * heart.wanted.0;
                 heart.pericardium = Some(Pericardium {
@@ -222,7 +227,7 @@ impl Hidden {
             }
             // An elastance has no directions: stress across the fibre acts as more pressure at the
             // same activation.
-            "cross_fibre_stress" => heart.left.peak_mmhg *= 1.0 + self.value("cross_fibre_share"),
+            "cross_fibre_stress" => heart.strengthen(1.0 + self.value("cross_fibre_share")),
             "catheter_response" => {
                 let [period, damping, lag] =
                     ["natural_period_ms", "damping", "lag_ms"].map(|key| self.value(key));
@@ -234,7 +239,7 @@ impl Hidden {
             "shortening_deactivation" => {
                 heart.left.deactivation =
                     Some((self.value("per_mL"), self.value("time_constant_s")));
-                heart.left.peak_mmhg *= 1.0 + 50.0 * self.value("per_mL");
+                heart.strengthen(1.0 + 50.0 * self.value("per_mL"));
             }
             "septal_interaction" => heart.left.septal_share = self.value("septal_share"),
             _ => {
@@ -268,23 +273,25 @@ mod tests {
 
     #[test]
     fn every_effect_moves_the_traces_and_more_of_it_moves_them_more() {
-        let plain = patient::draw(&mut Random::new(3, 0));
-        let (_, p0, v0) = traces(&plain, &Instruments::default());
-        for name in NAMES
-            .map(|(name, ..)| name)
-            .into_iter()
-            .chain(OFF_CATALOGUE)
-        {
-            let moved = [0, 3].map(|level| {
-                let (mut heart, mut instruments) = (plain.clone(), Instruments::default());
-                draw(name, level, &mut Random::new(5, 1)).add(&mut heart, &mut instruments);
-                let (_, p, v) = traces(&heart, &instruments);
-                rms(&p, &p0) + rms(&v, &v0)
-            });
-            assert!(
-                moved[0] > 0.02 && moved[1] > 1.1 * moved[0],
-                "{name}: {moved:?}"
-            );
+        for heart in [patient::draw, patient::draw_sarcomeres] {
+            let plain = heart(&mut Random::new(3, 0));
+            let (_, p0, v0) = traces(&plain, &Instruments::default());
+            for name in NAMES
+                .map(|(name, ..)| name)
+                .into_iter()
+                .chain(OFF_CATALOGUE)
+            {
+                let moved = [0, 3].map(|level| {
+                    let (mut heart, mut instruments) = (plain.clone(), Instruments::default());
+                    draw(name, level, &mut Random::new(5, 1)).add(&mut heart, &mut instruments);
+                    let (_, p, v) = traces(&heart, &instruments);
+                    rms(&p, &p0) + rms(&v, &v0)
+                });
+                assert!(
+                    moved[0] > 0.02 && moved[1] > 1.1 * moved[0],
+                    "{name}: {moved:?}"
+                );
+            }
         }
     }
 

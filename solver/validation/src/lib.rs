@@ -14,7 +14,8 @@ pub mod measure;
 pub mod patient;
 pub mod plan;
 pub mod random;
+pub mod sarcomere;
 pub mod valve;
 
 pub use measure::{Case, Side, Stated};
-pub use plan::{Plan, PlannedCase};
+pub use plan::{Formulation, Plan, PlannedCase};

@@ -110,6 +110,13 @@ impl Case {
         Self::of_heart(seed, effects, noise, (patient::draw, patient::implausible))
     }
 
+    /// As [`Case::draw`], for a heart of sarcomeres.
+    #[must_use]
+    pub fn draw_sarcomeres(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
+        let hearts = (patient::draw_sarcomeres, patient::implausible);
+        Self::of_heart(seed, effects, noise, hearts)
+    }
+
     /// As [`Case::draw`], for an extreme heart.
     #[must_use]
     pub fn draw_extreme(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
@@ -143,7 +150,8 @@ impl Case {
                 .for_each(|h| h.add(&mut heart, &mut instruments));
             if let Some(beat) = heart.beat().filter(|beat| refused(beat).is_none()) {
                 let mut random = Random::new(seed, 2 * attempt + 1);
-                let wall_ml = heart.left.reference_ml * random.between(0.7, 1.0);
+                let drawn_ml = heart.left.reference_ml * random.between(0.7, 1.0);
+                let wall_ml = heart.left.sarcomeres.map_or(drawn_ml, |wall| wall.wall_ml);
                 let traces = instruments_on(&beat, &instruments);
                 let case = Self::observe(&beat, traces, wall_ml, noise, &mut random);
                 return Some(Self {

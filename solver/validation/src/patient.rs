@@ -3,6 +3,7 @@
 use crate::activation::{Course, Twitch};
 use crate::circulation::{Beat, Heart, LeftVentricle};
 use crate::random::Random;
+use crate::sarcomere::Sarcomeres;
 use crate::valve::Valve;
 
 /// Draws a heart without missing effects: no effect of the catalogue reaches its smallest
@@ -44,6 +45,7 @@ pub fn draw(random: &mut Random) -> Heart {
         septal_share: 0.0,
         twitch: Twitch::new(rise, fall),
         course: Course::default(),
+        sarcomeres: None,
     };
     let valve = |open_cm2: f64, resistance: f64| Valve {
         open_cm2,
@@ -79,6 +81,33 @@ pub fn draw(random: &mut Random) -> Heart {
         lung_resistance: (0.07, random.between(0.03, 0.05)),
         wanted,
     }
+}
+
+/// Draws a heart without missing effects whose left ventricle has sarcomeres in a spherical wall;
+/// circulation, atrium and right ventricle are those of [`draw`].
+#[must_use]
+pub fn draw_sarcomeres(random: &mut Random) -> Heart {
+    let mut heart = draw(random);
+    let systole = (heart.cycle_ms as f64 / 850.0).sqrt();
+    let reference_ml = heart.left.reference_ml;
+    let unloaded_stretch = random.between(0.8, 0.88);
+    heart.left.sarcomeres = Some(Sarcomeres {
+        wall_ml: reference_ml * random.between(0.7, 1.0),
+        reference_ml,
+        length_um: random.between(2.08, 2.25),
+        active_kpa: random.between(110.0, 180.0),
+        passive_mmhg: heart.left.passive_mmhg,
+        passive_exponent: random.between(7.0, 15.0),
+        unloaded_stretch,
+        // A slower decay is the catalogue's delayed relaxation.
+        times_ms: (
+            random.between(38.0, 55.0) * systole,
+            random.between(12.0, 18.0),
+        ),
+        duration_ms: random.between(360.0, 440.0) * systole,
+        velocity_um_per_s: random.between(6.0, 9.0),
+    });
+    heart
 }
 
 /// Draws a heart that no clinic may ever see: the properties of [`draw`], each far beyond the range
@@ -174,15 +203,20 @@ mod tests {
 
     #[test]
     fn most_hearts_are_patients_and_their_blood_goes_round() {
-        let mut n_good = 0;
-        for seed in 0..12 {
-            let heart = draw(&mut Random::new(seed, 0));
-            let Some(beat) = heart.beat() else { continue };
-            let ejected = beat.forward_ml;
-            let filled = beat.mitral_flow.iter().sum::<f64>() * 1e-3;
-            assert!((filled - ejected).abs() < 0.5, "{filled} {ejected}");
-            n_good += usize::from(implausible(&beat).is_none());
+        for draw in [draw, draw_sarcomeres] {
+            let mut n_good = 0;
+            let mut reasons = Vec::new();
+            for seed in 0..12 {
+                let heart = draw(&mut Random::new(seed, 0));
+                let Some(beat) = heart.beat() else { continue };
+                let ejected = beat.forward_ml;
+                let filled = beat.mitral_flow.iter().sum::<f64>() * 1e-3;
+                assert!((filled - ejected).abs() < 0.5, "{filled} {ejected}");
+                let reason = implausible(&beat);
+                n_good += usize::from(reason.is_none());
+                reasons.extend(reason);
+            }
+            assert!(n_good >= 6, "{n_good} of 12: {reasons:?}");
         }
-        assert!(n_good >= 6, "{n_good} of 12");
     }
 }

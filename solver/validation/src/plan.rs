@@ -20,6 +20,15 @@ pub enum Plan {
     Extremes,
 }
 
+/// Formulations of the left ventricle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Formulation {
+    /// A time-varying elastance.
+    Elastance,
+    /// Sarcomeres in a spherical wall.
+    Sarcomeres,
+}
+
 /// A case to generate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedCase {
@@ -31,8 +40,10 @@ pub struct PlannedCase {
     pub noise: f64,
     /// Whether the data can hardly resolve the effects.
     pub hard: bool,
-    /// Whether the heart is an extreme one.
+    /// Whether the heart is an extreme one; these have the elastance.
     pub extreme: bool,
+    /// Formulation of the left ventricle.
+    pub formulation: Formulation,
     seed: u64,
 }
 
@@ -58,7 +69,7 @@ impl Plan {
     /// before the next level, with each noise in turn. Any beginning of the list is therefore
     /// balanced, and 192 cases contain each combination once.
     #[must_use]
-    pub fn cases(self, n: usize, seed: u64) -> Vec<PlannedCase> {
+    pub fn cases(self, n: usize, seed: u64, formulation: Formulation) -> Vec<PlannedCase> {
         let (prefix, stream) = match self {
             Self::Nulls => ("null", 1),
             Self::Singles => ("single", 2),
@@ -102,6 +113,7 @@ impl Plan {
                     noise,
                     hard,
                     extreme: self == Self::Extremes,
+                    formulation,
                     seed,
                 }
             })
@@ -132,10 +144,10 @@ impl PlannedCase {
     /// Generates the case; `None` if no plausible patient has these effects.
     #[must_use]
     pub fn make(&self) -> Option<Case> {
-        let draw = if self.extreme {
-            Case::draw_extreme
-        } else {
-            Case::draw
+        let draw = match self.formulation {
+            _ if self.extreme => Case::draw_extreme,
+            Formulation::Elastance => Case::draw,
+            Formulation::Sarcomeres => Case::draw_sarcomeres,
         };
         draw(self.seed, &self.effects, self.noise)
     }
@@ -154,7 +166,7 @@ mod tests {
 
     #[test]
     fn beginnings_are_balanced_and_seeds_differ() {
-        let singles = Plan::Singles.cases(192, 7);
+        let singles = Plan::Singles.cases(192, 7, Formulation::Elastance);
         let of = |name: &str| singles.iter().filter(|c| c.effects[0].0 == name).count();
         assert!(NAMES.iter().all(|(name, ..)| of(name) == 12));
         let kinds: BTreeSet<_> = singles
@@ -172,7 +184,7 @@ mod tests {
         ];
         let seeds: BTreeSet<u64> = all
             .iter()
-            .flat_map(|p| [1, 2].map(|s| p.cases(50, s)))
+            .flat_map(|p| [1, 2].map(|s| p.cases(50, s, Formulation::Elastance)))
             .flatten()
             .map(|c| c.seed())
             .collect();

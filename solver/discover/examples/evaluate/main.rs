@@ -2,8 +2,10 @@
 //!
 //! ```text
 //! evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N]
-//!     [--out FILE]
+//!     [--learnt FILE] [--out FILE]
 //! ```
+//!
+//! `--learnt` takes discrepancies that the example `discrepancies` has learnt.
 //!
 //! It writes one JSON line per case to standard output and the table to standard error. With
 //! `--out` the lines go to a file, and cases that the file already contains are skipped, so that a
@@ -13,6 +15,7 @@
 mod load;
 mod score;
 
+use cardiotwin_discover::learnt::Learnt;
 use cardiotwin_discover::{Discovery, Reduced, Settings, discover};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -27,6 +30,7 @@ struct Arguments {
     side: bool,
     seed: u64,
     out: Option<PathBuf>,
+    learnt: Learnt,
 }
 
 fn arguments() -> Result<Arguments, String> {
@@ -42,6 +46,7 @@ fn arguments() -> Result<Arguments, String> {
         side: true,
         seed: 1,
         out: None,
+        learnt: Learnt::default(),
     };
     while let Some(flag) = all.next() {
         let mut value = || all.next().ok_or(format!("{flag} needs a value"));
@@ -50,6 +55,11 @@ fn arguments() -> Result<Arguments, String> {
             "--seed" => parsed.seed = value()?.parse().map_err(|e| format!("--seed: {e}"))?,
             "--only" => parsed.only = value()?.split(',').map(str::to_owned).collect(),
             "--out" => parsed.out = Some(value()?.into()),
+            "--learnt" => {
+                let path = value()?;
+                let text = std::fs::read_to_string(&path).map_err(|e| format!("{path}: {e}"))?;
+                parsed.learnt = serde_json::from_str(&text).map_err(|e| format!("{path}: {e}"))?;
+            }
             "--part" => parsed.part = Some(value()?),
             "--no-side" => parsed.side = false,
             other => return Err(format!("unknown argument {other}")),
@@ -114,6 +124,7 @@ fn run() -> Result<(), String> {
     let labels = load::labels(&arguments.folder)?;
     let settings = Settings {
         seed: arguments.seed,
+        learnt: arguments.learnt,
         ..Settings::default()
     };
     let mut results = arguments.out.as_deref().map_or(Ok(Vec::new()), known)?;

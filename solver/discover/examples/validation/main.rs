@@ -2,11 +2,12 @@
 //! `labels.json`.
 //!
 //! ```text
-//! validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N]
+//! validation FOLDER [--model other|sarcomeres|same] [--nulls N] [--singles N] [--doubles N] [--off N]
 //!     [--extremes N] [--seed N] [--jobs N] [--no-visibility]
 //! ```
 //!
-//! `other` is the independent closed loop of `solver/validation`, `same` is the model that is
+//! `other` is the independent closed loop of `solver/validation`, `sarcomeres` the same loop with
+//! sarcomeres in a spherical wall in the place of the elastance, `same` is the model that is
 //! fitted (an inverse crime, and labelled as such). Existing cases of the folder are kept, so that
 //! a stopped command can be continued. The visibility of each case, which requires fits, is entered
 //! last or left to a later call.
@@ -18,7 +19,7 @@ mod load;
 mod self_consistent;
 mod visibility;
 
-use cardiotwin_validation::{Plan, PlannedCase};
+use cardiotwin_validation::{Formulation, Plan, PlannedCase};
 use rayon::prelude::*;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -27,6 +28,7 @@ use std::sync::Mutex;
 struct Arguments {
     folder: PathBuf,
     same: bool,
+    formulation: Formulation,
     sets: Vec<(Plan, usize)>,
     seed: u64,
     jobs: usize,
@@ -35,11 +37,12 @@ struct Arguments {
 
 fn arguments() -> Result<Arguments, String> {
     let mut all = std::env::args().skip(1);
-    let usage = "usage: validation FOLDER [--model other|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--extremes N] [--seed N]";
+    let usage = "usage: validation FOLDER [--model other|sarcomeres|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--extremes N] [--seed N]";
     let folder = all.next().ok_or(usage)?;
     let mut parsed = Arguments {
         folder: folder.into(),
         same: false,
+        formulation: Formulation::Elastance,
         sets: Vec::new(),
         seed: 1,
         jobs: 2,
@@ -57,7 +60,16 @@ fn arguments() -> Result<Arguments, String> {
                 .map_err(|e| format!("{flag} {value}: {e}"))
         };
         match flag.as_str() {
-            "--model" if value == "same" || value == "other" => parsed.same = value == "same",
+            "--model" => match value.as_str() {
+                "other" => parsed.formulation = Formulation::Elastance,
+                "sarcomeres" => parsed.formulation = Formulation::Sarcomeres,
+                "same" => parsed.same = true,
+                _ => {
+                    return Err(format!(
+                        "--model {value}: expected other, sarcomeres or same"
+                    ));
+                }
+            },
             "--nulls" => parsed.sets.push((Plan::Nulls, number()?)),
             "--singles" => parsed.sets.push((Plan::Singles, number()?)),
             "--doubles" => parsed.sets.push((Plan::Doubles, number()?)),
@@ -92,7 +104,7 @@ fn run() -> Result<(), String> {
         .map_err(|e| e.to_string())?;
     let planned: Vec<(PlannedCase, bool)> = (arguments.sets.iter())
         .flat_map(|(plan, n)| {
-            plan.cases(*n, arguments.seed)
+            plan.cases(*n, arguments.seed, arguments.formulation)
                 .into_iter()
                 .map(|c| (c, plan.is_off_catalogue()))
         })

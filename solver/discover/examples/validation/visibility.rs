@@ -4,6 +4,7 @@
 use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
 use cardiotwin_discover::forward::Forward;
+use cardiotwin_discover::learnt::Learnt;
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
@@ -78,7 +79,7 @@ pub fn noise_free(case: &Case) -> Measured {
 pub fn of(case: &Case) -> Visibility {
     let measured = noise_free(case);
     let forward = Reduced::new(&measured);
-    let data = Data::new(measured, &ModelDiscrepancy::default());
+    let data = Data::new(measured, &ModelDiscrepancy::default(), &Learnt::default());
     let problem = Problem {
         forward: &forward,
         data: &data,

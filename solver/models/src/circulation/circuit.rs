@@ -155,6 +155,14 @@ impl Circulation {
         self.connections[idx].path = path;
     }
 
+    /// Gives the blood in a path an inertance \[mmHg·s²/mL\].
+    ///
+    /// # Panics
+    /// If there is no path with this index.
+    pub fn set_inertance(&mut self, path_idx: usize, inertance: f64) {
+        self.connections[path_idx].path.set_inertance(inertance);
+    }
+
     /// Time of the last committed step.
     #[must_use]
     pub fn time(&self) -> Ms {
@@ -274,6 +282,9 @@ impl Circulation {
             end_ms: self.now.time_ms + dt.0,
             dt_ms: dt.0,
         };
+        for (connection, flow) in self.connections.iter_mut().zip(&self.now.flows_ml_per_s) {
+            connection.path.prepare(step, *flow);
+        }
         let (mut net, mut slope) = (0.0, 0.0);
         for idx in 0..self.compartments.len() {
             self.compartments[idx].prepare(step);

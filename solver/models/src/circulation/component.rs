@@ -43,6 +43,12 @@ pub trait FlowPath: std::fmt::Debug + Send + Sync {
     /// Name in outputs and messages.
     fn name(&self) -> &'static str;
 
+    /// Gives the blood in the path an inertance \[mmHg·s²/mL\]. A path without inertia ignores it.
+    fn set_inertance(&mut self, _inertance: f64) {}
+
+    /// Prepares a step of this length, before which the path had this flow \[mL/s\].
+    fn prepare(&mut self, _step: TimeStep, _flow_ml_per_s: f64) {}
+
     /// Flow \[mL/s\] from upstream to downstream, and its derivative with respect to the pressure
     /// difference, which must not be negative.
     ///

@@ -5,7 +5,8 @@ use super::declaration::{
 };
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTIC_VALVE;
-use crate::circulation::{Circulation, FlowPath};
+use crate::circulation::valve::Inertia;
+use crate::circulation::{Circulation, FlowPath, TimeStep};
 
 /// Catalogue entry of aortic stenosis.
 pub const EFFECT: Effect = Effect {
@@ -61,6 +62,7 @@ struct StenoticValve {
     forward: f64,
     backward: f64,
     loss: f64,
+    inertia: Inertia,
 }
 
 impl FlowPath for StenoticValve {
@@ -68,12 +70,26 @@ impl FlowPath for StenoticValve {
         AORTIC_VALVE
     }
 
+    fn set_inertance(&mut self, inertance: f64) {
+        self.inertia = Inertia::new(inertance);
+    }
+
+    fn prepare(&mut self, step: TimeStep, flow_ml_per_s: f64) {
+        self.inertia.prepare(step, flow_ml_per_s);
+    }
+
     fn flow(&self, difference_mmhg: f64) -> (f64, f64) {
-        if difference_mmhg <= 0.0 {
-            return (difference_mmhg / self.backward, 1.0 / self.backward);
+        let driven = difference_mmhg + self.inertia.drive_mmhg;
+        if driven <= 0.0 {
+            return (driven / self.backward, 1.0 / self.backward);
         }
-        let root = (self.forward * self.forward + 4.0 * self.loss * difference_mmhg).sqrt();
-        (2.0 * difference_mmhg / (self.forward + root), 1.0 / root)
+        let forward = self.forward + self.inertia.resistance;
+        let root = (forward * forward + 4.0 * self.loss * driven).sqrt();
+        (2.0 * driven / (forward + root), 1.0 / root)
+    }
+
+    fn is_open(&self, difference_mmhg: f64) -> bool {
+        difference_mmhg + self.inertia.drive_mmhg > 0.0
     }
 }
 
@@ -92,6 +108,7 @@ fn add(
         forward: around.heart.aortic_forward.0,
         backward: around.heart.aortic_backward.0,
         loss: values[0],
+        inertia: Inertia::default(),
     };
     circulation.replace_path(valve, Box::new(stenotic));
     Ok(())
@@ -105,7 +122,7 @@ mod tests {
     proptest! {
         #[test]
         fn flow_costs_its_linear_and_quadratic_part(difference in 0.01..100.0f64, loss in 0.0..6e-4f64) {
-            let valve = StenoticValve { forward: 0.01, backward: 1000.0, loss };
+            let valve = StenoticValve { forward: 0.01, backward: 1000.0, loss, inertia: Inertia::default() };
             let (q, slope) = valve.flow(difference);
             prop_assert!((0.01 * q + loss * q * q - difference).abs() < 1e-10 * (1.0 + difference));
             prop_assert!((slope * (0.01 + 2.0 * loss * q) - 1.0).abs() < 1e-10);

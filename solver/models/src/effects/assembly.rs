@@ -2,6 +2,7 @@
 
 use super::declaration::{Action, OneFibreParts};
 use super::{EffectError, EffectSetting, Kind, Measurement, Surroundings};
+use crate::circulation::left_heart::{AORTIC_VALVE, MITRAL_VALVE};
 use crate::circulation::{Circulation, LeftHeart};
 use crate::ventricle::{
     ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive,
@@ -19,6 +20,8 @@ pub struct BaseModel {
     pub activation: ActivationSpread,
     /// Contraction model of all groups.
     pub contraction: GroupContraction,
+    /// Inertance of the blood in the mitral and in the aortic valve \[mmHg·s²/mL\].
+    pub inertances: [f64; 2],
 }
 
 /// A model that is ready to run, with the changes of its effects.
@@ -97,6 +100,12 @@ pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled,
     };
     let mut circulation = base.heart.build()?;
     add_to_circulation(&mut circulation, &surroundings, effects)?;
+    // After the effects, which may replace valves.
+    for (valve, inertance) in [MITRAL_VALVE, AORTIC_VALVE].iter().zip(base.inertances) {
+        if let Some(path) = circulation.path_idx(valve) {
+            circulation.set_inertance(path, inertance);
+        }
+    }
     let (times_ms, weights) = base.activation.groups()?;
     let mut parts = OneFibreParts {
         passive: base.passive,

@@ -253,6 +253,7 @@ impl FitSubject {
                 n_groups: self.n_groups,
             },
             contraction: GroupContraction::tanh(Tanh::new(tanh)?),
+            inertances: [0.0; 2],
         })
     }
 

@@ -42,6 +42,7 @@ pub fn reduced(
             n_groups: activation.groups as usize,
         },
         contraction: contraction(spec)?,
+        inertances: [0.0; 2],
     };
     let mut organ = assemble(base, &effects)?;
     organ

@@ -1,0 +1,150 @@
+//! Learns how the base model misses healthy hearts of other formulations.
+//!
+//! ```text
+//! discrepancies FILE.json [--hearts N] [--seed N] [--jobs N]
+//! ```
+//!
+//! For each formulation, the base is fitted to noise-free beats of N healthy hearts. The residuals
+//! over the phases of the beat give one covariance a formulation; their mean is written as modes.
+
+#[path = "../validation/visibility.rs"]
+#[allow(dead_code)]
+mod visibility;
+
+use cardiotwin_discover::Reduced;
+use cardiotwin_discover::learnt::{Learnt, NODES, place};
+use cardiotwin_discover::least_squares::Settings;
+use cardiotwin_discover::noise::{ModelDiscrepancy, Signal};
+use cardiotwin_discover::phases::Phases;
+use cardiotwin_discover::problem::{Data, Problem};
+use cardiotwin_discover::search::fit_base;
+use cardiotwin_validation::{Formulation, Plan, PlannedCase};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Share of the variance that the modes keep.
+const KEPT: f64 = 0.995;
+
+fn main() -> Result<(), String> {
+    let mut all = std::env::args().skip(1);
+    let usage = "usage: discrepancies FILE.json [--hearts N] [--seed N] [--jobs N]";
+    let file = all.next().ok_or(usage)?;
+    let (mut hearts, mut seed, mut jobs) = (60usize, 900u64, 2usize);
+    while let Some(flag) = all.next() {
+        let value: usize = all
+            .next()
+            .and_then(|v| v.parse().ok())
+            .ok_or(format!("{flag} needs a number"))?;
+        match flag.as_str() {
+            "--hearts" => hearts = value,
+            "--seed" => seed = value as u64,
+            "--jobs" => jobs = value,
+            _ => return Err(format!("unknown argument {flag}\n{usage}")),
+        }
+    }
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs)
+        .build_global()
+        .map_err(|e| e.to_string())?;
+    let mut covariances = [DMatrix::zeros(NODES, NODES), DMatrix::zeros(NODES, NODES)];
+    for formulation in [Formulation::Elastance, Formulation::Sarcomeres] {
+        let cases = Plan::Nulls.cases(hearts, seed, formulation);
+        let found: Vec<[DVector<f64>; 2]> = cases.par_iter().filter_map(residuals).collect();
+        eprintln!("{formulation:?}: {} of {hearts} hearts", found.len());
+        for (i, covariance) in covariances.iter_mut().enumerate() {
+            let of_it = found
+                .iter()
+                .map(|curves| &curves[i] * curves[i].transpose())
+                .sum::<DMatrix<f64>>()
+                / found.len() as f64;
+            let sd: Vec<String> = (0..NODES)
+                .map(|k| format!("{:.2}", 100.0 * of_it[(k, k)].sqrt()))
+                .collect();
+            eprintln!("  {} sd, %: {}", ["pressure", "volume"][i], sd.join(" "));
+            *covariance += of_it / 2.0;
+        }
+    }
+    let [pressure, volume] = covariances.map(modes);
+    eprintln!("{} and {} modes", pressure.len(), volume.len());
+    let text = serde_json::to_string(&Learnt { pressure, volume }).map_err(|e| e.to_string())?;
+    std::fs::write(&file, text + "\n").map_err(|e| format!("{file}: {e}"))
+}
+
+/// Residuals of a heart over the phases of the beat, data less model, in shares of the amplitude.
+fn residuals(planned: &PlannedCase) -> Option<[DVector<f64>; 2]> {
+    let case = planned.make()?;
+    let measured = visibility::noise_free(&case);
+    let forward = Reduced::new(&measured);
+    let cycle = measured.cycle_ms;
+    let data = Data::new(measured, &ModelDiscrepancy::default(), &Learnt::default());
+    let problem = Problem {
+        forward: &forward,
+        data: &data,
+    };
+    let base = fit_base(&problem, &Settings::default())?;
+    let beat = problem.predict(&base.structure, &base.values(), Some(&base.minimum.warm))?;
+    let phases = Phases::of(&data.pressure, &data.volume, cycle);
+    let over_nodes = |signal: &Signal, trace: &[f64]| {
+        let residual = signal.residual(&beat.sampled(trace, &signal.time_ms));
+        let (low, high) = signal
+            .value
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        on_nodes(&residual, &signal.time_ms, &phases, cycle) / (high - low)
+    };
+    Some([
+        over_nodes(&data.pressure, &beat.pressure_mmhg),
+        over_nodes(&data.volume, &beat.volume_ml),
+    ])
+}
+
+/// Values at the nodes that are interpolated to the residuals with the least squares, and a little
+/// smooth.
+fn on_nodes(residual: &[f64], times_ms: &[f64], phases: &Phases, cycle_ms: f64) -> DVector<f64> {
+    let mut normal = DMatrix::<f64>::zeros(NODES, NODES);
+    let mut right = DVector::zeros(NODES);
+    for (r, t) in residual.iter().zip(times_ms) {
+        let (node, share) = place(phases, *t, cycle_ms);
+        let next = (node + 1) % NODES;
+        for (i, a) in [(node, 1.0 - share), (next, share)] {
+            right[i] += a * r;
+            for (j, b) in [(node, 1.0 - share), (next, share)] {
+                normal[(i, j)] += a * b;
+            }
+        }
+    }
+    for i in 0..NODES {
+        let (before, after) = ((i + NODES - 1) % NODES, (i + 1) % NODES);
+        for (a, x) in [(before, -1.0), (i, 2.0), (after, -1.0)] {
+            for (b, y) in [(before, -1.0), (i, 2.0), (after, -1.0)] {
+                normal[(a, b)] += 0.05 * x * y;
+            }
+        }
+    }
+    normal.cholesky().expect("regular").solve(&right)
+}
+
+fn modes(covariance: DMatrix<f64>) -> Vec<Vec<f64>> {
+    let eigen = covariance.symmetric_eigen();
+    let mut order: Vec<usize> = (0..NODES).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    let total: f64 = eigen.eigenvalues.iter().sum();
+    let mut kept = 0.0;
+    let mut modes = Vec::new();
+    for i in order {
+        if kept >= KEPT * total {
+            break;
+        }
+        kept += eigen.eigenvalues[i];
+        let scale = eigen.eigenvalues[i].max(0.0).sqrt();
+        modes.push(
+            eigen
+                .eigenvectors
+                .column(i)
+                .iter()
+                .map(|v| (v * scale * 1e6).round() / 1e6)
+                .collect(),
+        );
+    }
+    modes
+}
