@@ -11,7 +11,7 @@ use cardiotwin_signals::{
     BeatBiomarkers, Continuation, NoiseWindows, Quantity, Trace, noise_windows, resample,
 };
 use cardiotwin_units::Ms;
-use cardiotwin_validation::Case;
+use cardiotwin_validation::{Case, Hearts};
 
 const NAMES: [&str; 7] = [
     "P_max", "dPdt_max", "dPdt_min", "PTD90", "SV", "tau_VD", "tau_VR",
@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (hearts, first) = (argument("hearts", 200)?, argument("first", 900_000)?);
     let mut errors: [Vec<f64>; 7] = Default::default();
     for seed in first..first + hearts {
-        let Some(case) = Case::draw(seed, &[], 1.0) else {
+        let Some(case) = Case::draw(Hearts::Elastance, seed, &[], 1.0) else {
             continue;
         };
         let periodic = Continuation::periodic(Ms(case.cycle_ms));

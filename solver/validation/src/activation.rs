@@ -66,7 +66,7 @@ pub struct Course {
 }
 
 /// Delays of the groups in the late part of the wall, relative to its mean delay.
-const LATE_GROUPS: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.3];
+pub const LATE_GROUPS: [f64; 5] = [0.7, 0.85, 1.0, 1.15, 1.3];
 
 impl Course {
     /// Periodic values at the start of each of `n` steps over a cycle; the onset is `onset_ms`

@@ -2,7 +2,7 @@
 //! lungs and left atrium.
 
 use crate::activation::{Course, Twitch};
-use crate::sarcomere::{N_GROUPS, Sarcomere, Sarcomeres};
+use crate::sarcomere::{N_GROUPS, Sarcomere, Sarcomeres, Wall};
 use crate::valve::{Valve, ValveState};
 
 /// Flow through an orifice of 1 cm² under 1 mmHg \[mL/s\]: √(2/ρ).
@@ -218,6 +218,7 @@ impl Heart {
     fn pressures(
         &self,
         s: &State,
+        sarcomeres: Option<&Wall<'_>>,
         left_activation: f64,
         right_activation: f64,
         atrial: f64,
@@ -229,8 +230,8 @@ impl Heart {
         let right =
             around + (self.right.1 + (self.right.0 - self.right.1) * right_activation) * s.right;
         let kept = (1.0 - s.deactivation).max(0.0);
-        let wall = match &self.left.sarcomeres {
-            Some(wall) => wall.pressure(s.left, &s.sarcomeres, &self.left.course, kept),
+        let wall = match sarcomeres {
+            Some(wall) => wall.pressure(s.left, &s.sarcomeres, kept),
             None => {
                 let strength = (1.0 - self.left.rate_loss * out).max(0.0) * kept;
                 self.left.passive(s.left) + left_activation * strength * self.left.active(s.left)
@@ -255,7 +256,14 @@ impl Heart {
     /// One time step: flows from the pressures at its start, volumes from the flows at its end.
     ///
     /// - `since_ms`: time since the onset of the ventricles
-    fn step(&self, s: &State, p: &Pressures, (since_ms, dt): (f64, f64), resistance: f64) -> State {
+    fn step(
+        &self,
+        s: &State,
+        p: &Pressures,
+        sarcomeres: Option<&Wall<'_>>,
+        (since_ms, dt): (f64, f64),
+        resistance: f64,
+    ) -> State {
         let valves = [
             self.mitral.step(s.valves[0], p.atrium - p.left, dt),
             self.aortic.step(s.valves[1], p.left - p.root, dt),
@@ -293,13 +301,10 @@ impl Heart {
             deactivation: self.left.deactivation.map_or(0.0, |(per_ml, tau)| {
                 (s.deactivation + dt * per_ml * (-rate).max(0.0)) / (1.0 + dt / tau)
             }),
-            sarcomeres: match &self.left.sarcomeres {
-                Some(wall) => {
-                    let at = (since_ms, self.cycle_ms as f64);
-                    wall.step(&s.sarcomeres, s.left, at, &self.left.course, dt)
-                }
-                None => s.sarcomeres,
-            },
+            sarcomeres: sarcomeres.map_or(s.sarcomeres, |wall| {
+                let at = (since_ms, self.cycle_ms as f64);
+                wall.step(&s.sarcomeres, s.left, at, dt)
+            }),
             valves,
         }
     }
@@ -329,13 +334,15 @@ impl Heart {
                 (-(from_middle / a.width_ms).powi(2)).exp()
             })
             .collect();
+        let wall = self.left.sarcomeres.as_ref();
+        let wall = wall.map(|wall| wall.wall(&self.left.course));
         let mut state = self.start();
         let mut resistance = self.peripheral_resistance;
         for beat_idx in 0..BEATS {
             let before = state;
             let mut beat = Beat::default();
             for i in 0..n {
-                let p = self.pressures(&state, left[i], right[i], atrial[i]);
+                let p = self.pressures(&state, wall.as_ref(), left[i], right[i], atrial[i]);
                 if i % STEPS_PER_MS == 0 {
                     beat.pressure.push(p.left);
                     beat.volume.push(state.left);
@@ -346,7 +353,7 @@ impl Heart {
                     beat.mitral_flow.push(state.valves[0].flow);
                 }
                 let since_ms = i as f64 / STEPS_PER_MS as f64 - self.onset_ms;
-                state = self.step(&state, &p, (since_ms, dt), resistance);
+                state = self.step(&state, &p, wall.as_ref(), (since_ms, dt), resistance);
                 beat.forward_ml += dt * state.valves[1].flow;
             }
             if !state.left.is_finite() || state.left < 5.0 {

@@ -18,4 +18,5 @@ pub mod sarcomere;
 pub mod valve;
 
 pub use measure::{Case, Side, Stated};
-pub use plan::{Formulation, Plan, PlannedCase};
+pub use patient::Hearts;
+pub use plan::{Plan, PlannedCase};

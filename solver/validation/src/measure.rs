@@ -1,8 +1,8 @@
 //! Clinical measurement of a beat: noisy traces and scalars, with stated noise levels.
 
-use crate::circulation::{Beat, Heart};
+use crate::circulation::Beat;
 use crate::hidden::{Hidden, Instruments};
-use crate::patient;
+use crate::patient::Hearts;
 use crate::random::Random;
 
 /// Noise levels stated in the patient file; each has an error of about 10 %.
@@ -103,43 +103,13 @@ fn at(trace: &[f64], t_ms: f64) -> f64 {
 }
 
 impl Case {
-    /// The case of a seed: a random patient with these effects (name and level), and noise at
+    /// The case of a seed: a random patient of these hearts with these effects (name and level), and noise at
     /// `noise` times the usual level. `None` if no plausible patient with these effects was drawn.
     #[must_use]
-    pub fn draw(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
-        Self::of_heart(seed, effects, noise, (patient::draw, patient::implausible))
-    }
-
-    /// As [`Case::draw`], for a heart of sarcomeres.
-    #[must_use]
-    pub fn draw_sarcomeres(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
-        let hearts = (patient::draw_sarcomeres, patient::implausible);
-        Self::of_heart(seed, effects, noise, hearts)
-    }
-
-    /// As [`Case::draw`], for an extreme heart.
-    #[must_use]
-    pub fn draw_extreme(seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
-        Self::of_heart(
-            seed,
-            effects,
-            noise,
-            (patient::draw_extreme, patient::refused),
-        )
-    }
-
-    fn of_heart(
-        seed: u64,
-        effects: &[(&str, usize)],
-        noise: f64,
-        (draw, refused): (
-            impl Fn(&mut Random) -> Heart,
-            impl Fn(&Beat) -> Option<String>,
-        ),
-    ) -> Option<Self> {
+    pub fn draw(hearts: Hearts, seed: u64, effects: &[(&str, usize)], noise: f64) -> Option<Self> {
         for attempt in 0..TRIES {
             let mut random = Random::new(seed, 2 * attempt);
-            let mut heart = draw(&mut random);
+            let mut heart = hearts.draw(&mut random);
             let mut instruments = Instruments::default();
             let hidden: Vec<Hidden> = effects
                 .iter()
@@ -148,7 +118,7 @@ impl Case {
             hidden
                 .iter()
                 .for_each(|h| h.add(&mut heart, &mut instruments));
-            if let Some(beat) = heart.beat().filter(|beat| refused(beat).is_none()) {
+            if let Some(beat) = heart.beat().filter(|beat| hearts.refused(beat).is_none()) {
                 let mut random = Random::new(seed, 2 * attempt + 1);
                 let drawn_ml = heart.left.reference_ml * random.between(0.7, 1.0);
                 let wall_ml = heart.left.sarcomeres.map_or(drawn_ml, |wall| wall.wall_ml);
@@ -259,15 +229,20 @@ mod tests {
 
     #[test]
     fn a_case_is_the_same_for_the_same_seed_and_noise_is_as_stated() {
-        let a = Case::draw(11, &[], 1.0).unwrap();
-        assert_eq!(a, Case::draw(11, &[], 1.0).unwrap());
-        assert_ne!(a.frame_ml, Case::draw(12, &[], 1.0).unwrap().frame_ml);
+        let a = Case::draw(Hearts::Elastance, 11, &[], 1.0).unwrap();
+        assert_eq!(a, Case::draw(Hearts::Elastance, 11, &[], 1.0).unwrap());
+        assert_ne!(
+            a.frame_ml,
+            Case::draw(Hearts::Elastance, 12, &[], 1.0)
+                .unwrap()
+                .frame_ml
+        );
         let rms = |x: &[f64], y: &[f64]| {
             (x.iter().zip(y).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / x.len() as f64).sqrt()
         };
         let mut ratios = (0.0, 0.0);
         for seed in 20..28 {
-            let case = Case::draw(seed, &[], 1.0).unwrap();
+            let case = Case::draw(Hearts::Elastance, seed, &[], 1.0).unwrap();
             ratios.0 += rms(&case.pressure_mmhg, &case.clean_pressure_mmhg)
                 / case.stated.pressure_rms_mmhg
                 / 8.0;

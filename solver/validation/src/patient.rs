@@ -6,6 +6,38 @@ use crate::random::Random;
 use crate::sarcomere::Sarcomeres;
 use crate::valve::Valve;
 
+/// Kinds of hearts that cases are made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hearts {
+    /// Patients whose left ventricle is a time-varying elastance.
+    Elastance,
+    /// Patients whose left ventricle has sarcomeres in a spherical wall.
+    Sarcomeres,
+    /// Elastances far beyond the range of patients.
+    Extreme,
+}
+
+impl Hearts {
+    /// Draws a heart of this kind.
+    #[must_use]
+    pub fn draw(self, random: &mut Random) -> Heart {
+        match self {
+            Self::Elastance => draw(random),
+            Self::Sarcomeres => draw_sarcomeres(random),
+            Self::Extreme => draw_extreme(random),
+        }
+    }
+
+    /// Reason why a beat of such a heart makes no case; `None` if it does.
+    #[must_use]
+    pub fn refused(self, beat: &Beat) -> Option<String> {
+        match self {
+            Self::Elastance | Self::Sarcomeres => implausible(beat),
+            Self::Extreme => refused(beat),
+        }
+    }
+}
+
 /// Draws a heart without missing effects: no effect of the catalogue reaches its smallest
 /// meaningful strength.
 #[must_use]
@@ -134,39 +166,37 @@ pub fn draw_extreme(random: &mut Random) -> Heart {
     heart
 }
 
-/// Reason why a beat is not measured at all: the program's own checks refuse its traces.
-#[must_use]
-pub fn refused(beat: &Beat) -> Option<String> {
-    let range = |v: &[f64]| {
-        v.iter()
-            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
-    };
-    let (least, peak) = range(&beat.pressure);
-    let (end_systolic, end_diastolic) = range(&beat.volume);
-    let checks = [
-        ("peak pressure", peak, 60.0, 330.0),
-        ("least pressure over the peak", least / peak, -0.1, 0.3),
-        ("end-diastolic volume", end_diastolic, 6.0, 800.0),
-        (
-            "ejection fraction",
-            1.0 - end_systolic / end_diastolic,
-            0.08,
-            0.88,
-        ),
-    ];
+fn range(values: &[f64]) -> (f64, f64) {
+    values
+        .iter()
+        .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
+}
+
+/// The first of some values that is outside of its bounds, in words.
+fn outside<const N: usize>(checks: [(&str, f64, f64, f64); N]) -> Option<String> {
     checks
         .iter()
         .find(|(_, value, low, high)| !(low..=high).contains(&value))
         .map(|(name, value, low, high)| format!("{name} is {value:.2}, not {low} to {high}"))
 }
 
+/// Reason why a beat is not measured at all: the program's own checks refuse its traces.
+#[must_use]
+pub fn refused(beat: &Beat) -> Option<String> {
+    let (least, peak) = range(&beat.pressure);
+    let (end_systolic, end_diastolic) = range(&beat.volume);
+    let ejected = 1.0 - end_systolic / end_diastolic;
+    outside([
+        ("peak pressure", peak, 60.0, 330.0),
+        ("least pressure over the peak", least / peak, -0.1, 0.3),
+        ("end-diastolic volume", end_diastolic, 6.0, 800.0),
+        ("ejection fraction", ejected, 0.08, 0.88),
+    ])
+}
+
 /// Reason why a beat cannot be that of a patient; `None` if it is plausible.
 #[must_use]
 pub fn implausible(beat: &Beat) -> Option<String> {
-    let range = |v: &[f64]| {
-        v.iter()
-            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)))
-    };
     let (least_p, peak) = range(&beat.pressure);
     let (end_systolic, end_diastolic) = range(&beat.volume);
     let slope = beat
@@ -175,7 +205,8 @@ pub fn implausible(beat: &Beat) -> Option<String> {
         .map(|w| w[1] - w[0])
         .fold(0.0, f64::max);
     let pulse = range(&beat.aortic_pressure);
-    let checks = [
+    let ejected = 1.0 - end_systolic / end_diastolic;
+    outside([
         ("peak pressure", peak, 90.0, 230.0),
         ("least pressure", least_p, -4.0, 18.0),
         ("pressure at time zero", beat.pressure[0], 2.0, 28.0),
@@ -183,18 +214,9 @@ pub fn implausible(beat: &Beat) -> Option<String> {
         ("end-diastolic volume", end_diastolic, 85.0, 230.0),
         ("stroke volume", end_diastolic - end_systolic, 42.0, 135.0),
         ("net forward volume", beat.forward_ml, 30.0, 120.0),
-        (
-            "ejection fraction",
-            1.0 - end_systolic / end_diastolic,
-            0.32,
-            0.78,
-        ),
+        ("ejection fraction", ejected, 0.32, 0.78),
         ("pulse pressure", pulse.1 - pulse.0, 22.0, 95.0),
-    ];
-    checks
-        .iter()
-        .find(|(_, value, low, high)| !(low..=high).contains(&value))
-        .map(|(name, value, low, high)| format!("{name} is {value:.2}, not {low} to {high}"))
+    ])
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 use crate::hidden::{HARD, NAMES, OFF_CATALOGUE};
 use crate::measure::Case;
+use crate::patient::Hearts;
 use crate::random::Random;
 
 /// Sets of cases, by content.
@@ -20,15 +21,6 @@ pub enum Plan {
     Extremes,
 }
 
-/// Formulations of the left ventricle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Formulation {
-    /// A time-varying elastance.
-    Elastance,
-    /// Sarcomeres in a spherical wall.
-    Sarcomeres,
-}
-
 /// A case to generate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedCase {
@@ -40,10 +32,8 @@ pub struct PlannedCase {
     pub noise: f64,
     /// Whether the data can hardly resolve the effects.
     pub hard: bool,
-    /// Whether the heart is an extreme one; these have the elastance.
-    pub extreme: bool,
-    /// Formulation of the left ventricle.
-    pub formulation: Formulation,
+    /// Kind of its heart.
+    pub hearts: Hearts,
     seed: u64,
 }
 
@@ -69,7 +59,7 @@ impl Plan {
     /// before the next level, with each noise in turn. Any beginning of the list is therefore
     /// balanced, and 192 cases contain each combination once.
     #[must_use]
-    pub fn cases(self, n: usize, seed: u64, formulation: Formulation) -> Vec<PlannedCase> {
+    pub fn cases(self, n: usize, seed: u64, hearts: Hearts) -> Vec<PlannedCase> {
         let (prefix, stream) = match self {
             Self::Nulls => ("null", 1),
             Self::Singles => ("single", 2),
@@ -112,8 +102,10 @@ impl Plan {
                     effects,
                     noise,
                     hard,
-                    extreme: self == Self::Extremes,
-                    formulation,
+                    hearts: match self {
+                        Self::Extremes => Hearts::Extreme,
+                        _ => hearts,
+                    },
                     seed,
                 }
             })
@@ -144,12 +136,7 @@ impl PlannedCase {
     /// Generates the case; `None` if no plausible patient has these effects.
     #[must_use]
     pub fn make(&self) -> Option<Case> {
-        let draw = match self.formulation {
-            _ if self.extreme => Case::draw_extreme,
-            Formulation::Elastance => Case::draw,
-            Formulation::Sarcomeres => Case::draw_sarcomeres,
-        };
-        draw(self.seed, &self.effects, self.noise)
+        Case::draw(self.hearts, self.seed, &self.effects, self.noise)
     }
 
     /// Seed of the case, its only source of randomness.
@@ -166,7 +153,7 @@ mod tests {
 
     #[test]
     fn beginnings_are_balanced_and_seeds_differ() {
-        let singles = Plan::Singles.cases(192, 7, Formulation::Elastance);
+        let singles = Plan::Singles.cases(192, 7, Hearts::Elastance);
         let of = |name: &str| singles.iter().filter(|c| c.effects[0].0 == name).count();
         assert!(NAMES.iter().all(|(name, ..)| of(name) == 12));
         let kinds: BTreeSet<_> = singles
@@ -184,7 +171,7 @@ mod tests {
         ];
         let seeds: BTreeSet<u64> = all
             .iter()
-            .flat_map(|p| [1, 2].map(|s| p.cases(50, s, Formulation::Elastance)))
+            .flat_map(|p| [1, 2].map(|s| p.cases(50, s, Hearts::Elastance)))
             .flatten()
             .map(|c| c.seed())
             .collect();

@@ -18,7 +18,7 @@ use cardiotwin_discover::noise::{ModelDiscrepancy, Signal};
 use cardiotwin_discover::phases::Phases;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
-use cardiotwin_validation::{Formulation, Plan, PlannedCase};
+use cardiotwin_validation::{Hearts, Plan, PlannedCase};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -29,14 +29,14 @@ fn main() -> Result<(), String> {
     let mut all = std::env::args().skip(1);
     let usage = "usage: discrepancies FILE.json [--hearts N] [--seed N] [--jobs N]";
     let file = all.next().ok_or(usage)?;
-    let (mut hearts, mut seed, mut jobs) = (60usize, 900u64, 2usize);
+    let (mut n_hearts, mut seed, mut jobs) = (60usize, 900u64, 2usize);
     while let Some(flag) = all.next() {
         let value: usize = all
             .next()
             .and_then(|v| v.parse().ok())
             .ok_or(format!("{flag} needs a number"))?;
         match flag.as_str() {
-            "--hearts" => hearts = value,
+            "--hearts" => n_hearts = value,
             "--seed" => seed = value as u64,
             "--jobs" => jobs = value,
             _ => return Err(format!("unknown argument {flag}\n{usage}")),
@@ -47,10 +47,10 @@ fn main() -> Result<(), String> {
         .build_global()
         .map_err(|e| e.to_string())?;
     let mut covariances = [DMatrix::zeros(NODES, NODES), DMatrix::zeros(NODES, NODES)];
-    for formulation in [Formulation::Elastance, Formulation::Sarcomeres] {
-        let cases = Plan::Nulls.cases(hearts, seed, formulation);
+    for hearts in [Hearts::Elastance, Hearts::Sarcomeres] {
+        let cases = Plan::Nulls.cases(n_hearts, seed, hearts);
         let found: Vec<[DVector<f64>; 2]> = cases.par_iter().filter_map(residuals).collect();
-        eprintln!("{formulation:?}: {} of {hearts} hearts", found.len());
+        eprintln!("{hearts:?}: {} of {n_hearts} hearts", found.len());
         for (i, covariance) in covariances.iter_mut().enumerate() {
             let of_it = found
                 .iter()
@@ -86,10 +86,7 @@ fn residuals(planned: &PlannedCase) -> Option<[DVector<f64>; 2]> {
     let phases = Phases::of(&data.pressure, &data.volume, cycle);
     let over_nodes = |signal: &Signal, trace: &[f64]| {
         let residual = signal.residual(&beat.sampled(trace, &signal.time_ms));
-        let (low, high) = signal
-            .value
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        let (low, high) = signal.range();
         on_nodes(&residual, &signal.time_ms, &phases, cycle) / (high - low)
     };
     Some([

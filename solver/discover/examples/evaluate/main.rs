@@ -9,8 +9,9 @@
 //!
 //! It writes one JSON line per case to standard output and the table to standard error. With
 //! `--out` the lines go to a file, and cases that the file already contains are skipped, so that a
-//! stopped command can be continued. Cases without an answer are counted and tried again. `--part development` selects the 24 cases with which the
-//! search was developed, `--part aside` all others.
+//! stopped command can be continued. Cases without an answer are counted and tried again.
+//! `--part development` selects the 24 cases with which the search was developed, `--part aside`
+//! all others.
 
 mod load;
 mod score;

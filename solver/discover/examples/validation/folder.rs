@@ -2,7 +2,7 @@
 //! `labels.json`.
 
 use crate::visibility::Visibility;
-use cardiotwin_validation::{Case, PlannedCase};
+use cardiotwin_validation::{Case, Hearts, PlannedCase};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -61,13 +61,13 @@ pub struct Labels {
 
 impl Labels {
     /// Reads the labels of a folder, or starts with none.
-    pub fn open(folder: &Path, same: bool, seed: u64) -> Result<Self, String> {
+    pub fn open(folder: &Path, hearts: Option<Hearts>, seed: u64) -> Result<Self, String> {
         std::fs::create_dir_all(folder)
             .map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
-        let model = if same {
-            "the model that is fitted"
-        } else {
-            "an independent closed loop"
+        let model = match hearts {
+            None => "the model that is fitted",
+            Some(Hearts::Sarcomeres) => "an independent closed loop with sarcomeres",
+            Some(Hearts::Elastance | Hearts::Extreme) => "an independent closed loop",
         };
         put(
             &folder.join("cohort.toml"),

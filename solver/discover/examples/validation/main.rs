@@ -19,7 +19,7 @@ mod load;
 mod self_consistent;
 mod visibility;
 
-use cardiotwin_validation::{Formulation, Plan, PlannedCase};
+use cardiotwin_validation::{Hearts, Plan, PlannedCase};
 use rayon::prelude::*;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -27,8 +27,8 @@ use std::sync::Mutex;
 
 struct Arguments {
     folder: PathBuf,
-    same: bool,
-    formulation: Formulation,
+    /// Hearts of the independent loop; `None` for the model that is fitted.
+    hearts: Option<Hearts>,
     sets: Vec<(Plan, usize)>,
     seed: u64,
     jobs: usize,
@@ -41,8 +41,7 @@ fn arguments() -> Result<Arguments, String> {
     let folder = all.next().ok_or(usage)?;
     let mut parsed = Arguments {
         folder: folder.into(),
-        same: false,
-        formulation: Formulation::Elastance,
+        hearts: Some(Hearts::Elastance),
         sets: Vec::new(),
         seed: 1,
         jobs: 2,
@@ -60,16 +59,14 @@ fn arguments() -> Result<Arguments, String> {
                 .map_err(|e| format!("{flag} {value}: {e}"))
         };
         match flag.as_str() {
-            "--model" => match value.as_str() {
-                "other" => parsed.formulation = Formulation::Elastance,
-                "sarcomeres" => parsed.formulation = Formulation::Sarcomeres,
-                "same" => parsed.same = true,
-                _ => {
-                    return Err(format!(
-                        "--model {value}: expected other, sarcomeres or same"
-                    ));
+            "--model" => {
+                parsed.hearts = match value.as_str() {
+                    "other" => Some(Hearts::Elastance),
+                    "sarcomeres" => Some(Hearts::Sarcomeres),
+                    "same" => None,
+                    _ => return Err(format!("unknown model {value}\n{usage}")),
                 }
-            },
+            }
             "--nulls" => parsed.sets.push((Plan::Nulls, number()?)),
             "--singles" => parsed.sets.push((Plan::Singles, number()?)),
             "--doubles" => parsed.sets.push((Plan::Doubles, number()?)),
@@ -80,8 +77,12 @@ fn arguments() -> Result<Arguments, String> {
             _ => return Err(format!("unknown argument {flag} {value}\n{usage}")),
         }
     }
-    if parsed.same && parsed.sets.iter().any(|(plan, _)| plan.is_off_catalogue()) {
+    let asks_for = |plan: Plan| parsed.sets.iter().any(|(set, _)| *set == plan);
+    if parsed.hearts.is_none() && asks_for(Plan::OffCatalogue) {
         return Err("--off: the model that is fitted has no gaps outside its catalogue".to_owned());
+    }
+    if parsed.hearts != Some(Hearts::Elastance) && asks_for(Plan::Extremes) {
+        return Err("--extremes: extreme hearts are made with --model other".to_owned());
     }
     Ok(parsed)
 }
@@ -104,18 +105,22 @@ fn run() -> Result<(), String> {
         .map_err(|e| e.to_string())?;
     let planned: Vec<(PlannedCase, bool)> = (arguments.sets.iter())
         .flat_map(|(plan, n)| {
-            plan.cases(*n, arguments.seed, arguments.formulation)
-                .into_iter()
-                .map(|c| (c, plan.is_off_catalogue()))
+            plan.cases(
+                *n,
+                arguments.seed,
+                arguments.hearts.unwrap_or(Hearts::Elastance),
+            )
+            .into_iter()
+            .map(|c| (c, plan.is_off_catalogue()))
         })
         .collect();
     let labels = Mutex::new(folder::Labels::open(
         &arguments.folder,
-        arguments.same,
+        arguments.hearts,
         arguments.seed,
     )?);
     let make = |planned: &PlannedCase| {
-        if arguments.same {
+        if arguments.hearts.is_none() {
             self_consistent::make(planned)
         } else {
             planned.make()

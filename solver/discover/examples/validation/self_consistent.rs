@@ -7,7 +7,7 @@ use cardiotwin_validation::circulation::Beat;
 use cardiotwin_validation::hidden::{self, Hidden};
 use cardiotwin_validation::patient::implausible;
 use cardiotwin_validation::random::Random;
-use cardiotwin_validation::{Case, PlannedCase};
+use cardiotwin_validation::{Case, Hearts, PlannedCase};
 
 /// Number of patients drawn before a case is given up.
 const TRIES: u64 = 40;
@@ -18,7 +18,7 @@ const SPREAD: f64 = 0.7;
 /// levels of effects and noise.
 pub fn make(planned: &PlannedCase) -> Option<Case> {
     // Only cycle length, frames and heart size come from the other model.
-    let frame = Case::draw(planned.seed(), &[], planned.noise)?;
+    let frame = Case::draw(Hearts::Elastance, planned.seed(), &[], planned.noise)?;
     let template: Measured = noise_free(&frame);
     let model = Reduced::new(&template);
     (0..TRIES).find_map(|attempt| {
