@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # `make test`: every check, one after the other; prints how long each part took and stops at the first that fails.
-# `make test-all` (CARDIOTWIN_TESTS=all) runs the long tests, too; `make test-long` (CARDIOTWIN_TESTS=long) these alone. CARDIOTWIN_TEST_SECONDS=N skips long tests that would
-# not end within N seconds of the beginning; CI runs those of Slurm with the time that is left.
+# `make test-all` (CARDIOTWIN_TESTS=all) runs the long tests, too; `make test-long` (CARDIOTWIN_TESTS=long) these alone.
+# CARDIOTWIN_TEST_SECONDS=N skips long tests that would not end within N seconds of the beginning; CI runs those of Slurm
+# with the time that is left.
 # What a test could not try here is listed in target/not-tested.jsonl; with CI=true it fails unless .ci/allowed-skips lists it.
 # Plain cargo, one profile (release): unoptimised kernels are hopeless in tests, and two profiles compile everything twice.
 set -euo pipefail

@@ -71,6 +71,7 @@ pub struct ResolvedPatient {
     /// Settings with all layers merged. They include those of the executor, which never enter a
     /// task's key.
     #[serde(deserialize_with = "crate::earlier::settings")]
+    #[schemars(with = "Settings")]
     pub settings: Shared<Settings>,
     /// Effects accepted for this patient.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

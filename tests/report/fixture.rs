@@ -25,6 +25,7 @@ use cardiotwin_schemas::record::{
     IterationRecord, PatientRecord, RunRecord, StallReason, Step1Quality, Step1Summary, TaskRecord,
 };
 use cardiotwin_schemas::settings::{ActivationSettings, StartMode};
+use cardiotwin_schemas::shared::Shared;
 use cardiotwin_schemas::status::{PatientState, PatientStatus};
 use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
 use cardiotwin_schemas::verdict::{TwinTolerances, Verdict};
@@ -321,7 +322,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
         calcium: None,
         noise: None,
         external_files: Vec::new(),
-        settings: Default::default(),
+        settings: Shared::default(),
         effects: Vec::new(),
     }
 }

@@ -78,10 +78,7 @@ impl Cluster {
         }
         let _ = self.slurm("scontrol", &["update", "partitionname=main", "state=up"]);
         for node in ["n1", "n2", "n3", "n4"] {
-            let _ = self.slurm(
-                "scontrol",
-                &["update", &format!("nodename={node}"), "state=resume"],
-            );
+            self.resume(node);
         }
         self.wait("idle nodes and an empty queue", || {
             let idle = self.slurm(
@@ -103,9 +100,13 @@ impl Cluster {
             .lines()
             .filter_map(|row| row.strip_prefix("Duplicate jobid|"))
         {
-            let update = ["update", &format!("nodename={nodes}"), "state=resume"];
-            let _ = self.slurm("scontrol", &update);
+            self.resume(nodes);
         }
+    }
+
+    fn resume(&self, nodes: &str) {
+        let update = ["update", &format!("nodename={nodes}"), "state=resume"];
+        let _ = self.slurm("scontrol", &update);
     }
 
     fn pid(&self, daemon: &str) -> Option<u32> {

@@ -193,8 +193,7 @@ pub enum TaskError {
     /// The search for missing effects rejects its data or settings, or has no base fit.
     #[error("the search for missing effects failed")]
     Discover(#[from] DiscoverError),
-    /// The search for missing effects found no answer, or an answer that its own model does not
-    /// reproduce.
+    /// The thread of the search for missing effects died, or its answer lacks a base value.
     #[error("the search for missing effects ended without an answer")]
     SearchEnded,
     /// There is no further iterate to propose for step 1.

@@ -8,8 +8,9 @@
 
 use crate::fit::Fit;
 use crate::problem::Problem;
+use crate::random::standard_normal;
 use nalgebra::{DMatrix, DVector};
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
@@ -151,13 +152,8 @@ pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
     };
     let size = first.direction.len();
     let mut random = Pcg64::seed_from_u64(seed);
-    let mut normal = move || {
-        // Box–Muller transform.
-        let (u, v): (f64, f64) = (random.random(), random.random());
-        (-2.0 * (1.0 - u).ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-    };
     let draws: Vec<DVector<f64>> = (0..n)
-        .map(|_| DVector::from_fn(size, |_, _| normal()))
+        .map(|_| DVector::from_fn(size, |_, _| standard_normal(&mut random)))
         .collect();
     let mut maxima: Vec<f64> = draws
         .par_iter()

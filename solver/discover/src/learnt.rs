@@ -51,19 +51,26 @@ fn at(mode: &[f64], times_ms: &[f64], phases: &Phases, cycle_ms: f64) -> Vec<f64
         .collect()
 }
 
-/// A signal whose covariance has these modes, too.
-#[must_use]
-pub fn widened(signal: &Signal, modes: &[Vec<f64>], phases: &Phases, cycle_ms: f64) -> Signal {
-    let (low, high) = signal
-        .value
-        .iter()
-        .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
-    let curves: Vec<Vec<f64>> = modes
-        .iter()
-        .map(|mode| {
-            let curve = at(mode, &signal.time_ms, phases, cycle_ms);
-            curve.into_iter().map(|v| v * (high - low)).collect()
-        })
-        .collect();
-    signal.widened(&curves)
+impl Learnt {
+    /// Pressure and volume of a cycle of this length \[ms\], whose covariances have the modes, too.
+    #[must_use]
+    pub fn widen(&self, [pressure, volume]: [Signal; 2], cycle_ms: f64) -> [Signal; 2] {
+        if self.pressure.is_empty() && self.volume.is_empty() {
+            return [pressure, volume];
+        }
+        let phases = Phases::of(&pressure, &volume, cycle_ms);
+        let widened = |signal: Signal, modes: &[Vec<f64>]| {
+            let (low, high) = signal.range();
+            let curve = |mode: &Vec<f64>| {
+                let curve = at(mode, &signal.time_ms, &phases, cycle_ms);
+                curve.into_iter().map(|v| v * (high - low)).collect()
+            };
+            let curves: Vec<Vec<f64>> = modes.iter().map(curve).collect();
+            signal.widened(&curves)
+        };
+        [
+            widened(pressure, &self.pressure),
+            widened(volume, &self.volume),
+        ]
+    }
 }

@@ -20,6 +20,7 @@ pub mod noise;
 pub mod parameter;
 pub mod phases;
 pub mod problem;
+mod random;
 pub mod ranked;
 pub mod reduced;
 pub mod result;

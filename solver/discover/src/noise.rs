@@ -259,17 +259,27 @@ impl Signal {
     /// The same signal with further errors of the model, each a curve whose factor is standard
     /// normal.
     #[must_use]
-    pub fn widened(&self, curves: &[Vec<f64>]) -> Self {
-        if curves.is_empty() {
-            return self.clone();
-        }
-        let mut covariance = self.covariance.clone();
+    pub fn widened(self, curves: &[Vec<f64>]) -> Self {
+        let mut covariance = self.covariance;
         for curve in curves {
             let curve = nalgebra::DVector::from_column_slice(curve);
             covariance += &curve * curve.transpose();
         }
-        let (time, value) = (self.time_ms.clone(), self.value.clone());
-        Self::new(time, value, self.noise_sd, covariance, self.factor_sd)
+        Self::new(
+            self.time_ms,
+            self.value,
+            self.noise_sd,
+            covariance,
+            self.factor_sd,
+        )
+    }
+
+    /// Smallest and largest value.
+    #[must_use]
+    pub fn range(&self) -> (f64, f64) {
+        self.value
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)))
     }
 
     /// Number of data in the signal.

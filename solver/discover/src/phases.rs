@@ -55,9 +55,7 @@ impl Phases {
                 .unwrap_or(0)
         };
         let (up, down) = (extreme(1.0), extreme(-1.0));
-        let (low, high) = p
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        let (low, high) = pressure.range();
         let level = |share: f64| low + share * (high - low);
         // Walks from an index backwards or forwards around the cycle until the condition holds.
         let walk = |from: usize, step: isize, stop: &dyn Fn(usize) -> bool| -> f64 {
@@ -83,9 +81,7 @@ impl Phases {
         // Rapid filling lasts until 70 % of the stroke volume has returned, but at most for two
         // thirds of the time to atrial systole.
         let (vt, v) = (&volume.time_ms, &volume.value);
-        let (v_low, v_high) = v
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(*x), h.max(*x)));
+        let (v_low, v_high) = volume.range();
         let way = after(filling, atrial);
         let back = (vt.iter().zip(v))
             .filter(|(t, v)| after(filling, **t) < way && **v > v_low + 0.7 * (v_high - v_low))

@@ -2,11 +2,10 @@
 //! data.
 
 use crate::forward::{Forward, Prediction, Request};
-use crate::learnt::{Learnt, widened};
+use crate::learnt::Learnt;
 use crate::measured::Measured;
 use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
 use crate::parameter::Parameter;
-use crate::phases::Phases;
 use cardiotwin_models::periodic::Orbit;
 use nalgebra::DVector;
 
@@ -37,9 +36,7 @@ impl Data {
         let levels = NoiseLevels::of(&measured);
         let pressure = pressure_signal(&measured, &levels, model_discrepancy);
         let volume = volume_signal(&measured, &levels, model_discrepancy);
-        let phases = Phases::of(&pressure, &volume, measured.cycle_ms);
-        let pressure = widened(&pressure, &learnt.pressure, &phases, measured.cycle_ms);
-        let volume = widened(&volume, &learnt.volume, &phases, measured.cycle_ms);
+        let [pressure, volume] = learnt.widen([pressure, volume], measured.cycle_ms);
         Self {
             measured,
             levels,

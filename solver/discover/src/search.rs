@@ -5,10 +5,10 @@ use crate::forward::Candidate;
 use crate::least_squares::Settings;
 use crate::parameter::Parameter;
 use crate::problem::{N_BUMPS, Problem, Structure};
-use rand::{Rng, SeedableRng};
+use crate::random::standard_normal;
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
-use std::f64::consts::TAU;
 
 /// Largest rise of the deviance by a further term before its fit counts as failed.
 pub const RISE: f64 = 0.2;
@@ -78,10 +78,7 @@ fn likely_starts(problem: &Problem<'_>) -> Vec<Vec<f64>> {
         .map(|_| {
             let draw = |p: &Parameter| {
                 let (lower, upper) = p.z_bounds();
-                // Box–Muller transform.
-                let (u, v): (f64, f64) = (random.random(), random.random());
-                let z = (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos();
-                z.clamp(lower, upper)
+                standard_normal(&mut random).clamp(lower, upper)
             };
             parameters.iter().map(draw).collect()
         })

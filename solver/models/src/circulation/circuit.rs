@@ -55,6 +55,8 @@ pub struct Circulation {
     /// Index of each compartment's first state.
     first_state: Vec<usize>,
     connections: Vec<Connection>,
+    /// Whether the blood of any path has inertia, so that paths are prepared before a step.
+    has_inertia: bool,
     now: CirculationState,
     /// Trial flows of the last evaluation, one per path.
     trial: Vec<f64>,
@@ -77,6 +79,7 @@ impl Circulation {
             compartments: Vec::new(),
             first_state: vec![0],
             connections: Vec::new(),
+            has_inertia: false,
             now: CirculationState {
                 time_ms: 0.0,
                 states: Vec::new(),
@@ -161,6 +164,7 @@ impl Circulation {
     /// If there is no path with this index.
     pub fn set_inertance(&mut self, path_idx: usize, inertance: f64) {
         self.connections[path_idx].path.set_inertance(inertance);
+        self.has_inertia |= inertance > 0.0;
     }
 
     /// Time of the last committed step.
@@ -282,8 +286,10 @@ impl Circulation {
             end_ms: self.now.time_ms + dt.0,
             dt_ms: dt.0,
         };
-        for (connection, flow) in self.connections.iter_mut().zip(&self.now.flows_ml_per_s) {
-            connection.path.prepare(step, *flow);
+        if self.has_inertia {
+            for (connection, flow) in self.connections.iter_mut().zip(&self.now.flows_ml_per_s) {
+                connection.path.prepare(step, *flow);
+            }
         }
         let (mut net, mut slope) = (0.0, 0.0);
         for idx in 0..self.compartments.len() {

@@ -15,7 +15,7 @@ use crate::error::TaskError;
 /// All results for a patient.
 ///
 /// # Errors
-/// [`TaskError`] when the model has no beat for the parameters that the search found.
+/// [`TaskError`] when base values are missing or the fitted passive law is invalid.
 pub fn result(
     spec: &DiscoverSpec,
     patient: &Patient,
