@@ -8,7 +8,9 @@
 //! The rules, in this order:
 //! 1. Accounting names the job's own user, who is not root: a person. Another named user is a
 //!    person as well, an administrator, unless the job was cancelled as it started, as above: then
-//!    it was Slurm.
+//!    it was Slurm. Of a job over several nodes the first one may have run the script before
+//!    another one refused the job; a cancellation in root's name after 0 s is therefore always
+//!    Slurm's.
 //! 2. Accounting shows the job as cancelled and names no user: Slurm.
 //! 3. Accounting shows the job as live, does not list it, or does not answer: it is asked again,
 //!    for one grace time or more.
@@ -53,7 +55,9 @@ pub enum Canceller {
 #[must_use]
 pub fn by_whom(ended: &Ended, own: OwnTraces) -> Canceller {
     debug_assert_eq!(ended.state, SlurmState::Cancelled);
-    let at_its_start = ended.began == Some(true) && ended.elapsed_s == Some(0) && !own.began;
+    let at_its_start = ended.began == Some(true)
+        && ended.elapsed_s == Some(0)
+        && (!own.began || ended.cancelled_by == Some(0));
     // Slurm cancels jobs that it was about to start; waiting jobs are cancelled by people.
     let person = own.asked_to_end || ended.began == Some(false);
     match (ended.accounting, ended.cancelled_by) {
@@ -158,7 +162,8 @@ mod tests {
         let begun = OwnTraces { began: true, ..own };
         assert_eq!(
             by_whom(&cancelled(Accounting::Agrees, Some(0), Some(0)), begun),
-            Canceller::Person
+            Canceller::Slurm,
+            "another node of the job refused it"
         );
     }
 }

@@ -148,6 +148,12 @@ pub fn of(
             || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
         let more = same().filter(|(_, more)| more.state.bearing() == Bearing::Ended);
         return JobStatus::Ended(match more.max_by_key(|(_, more)| more.submitted) {
+            // The accounting of an end may come before that of its start, and then has no nodes.
+            Some((id, more)) if more.nodes.is_empty() => Ended {
+                began: Some(!row.nodes.is_empty()),
+                nodes: row.nodes.clone(),
+                ..ended(id, more)
+            },
             Some((id, more)) => ended(id, more),
             None => Ended {
                 id: row.id,
