@@ -116,9 +116,10 @@ pub const CRATES: &[Rule] = &[
             "electrophysiology",
             "calibrate",
             "discover",
+            "validation",
             "input-files",
         ],
-        why: "one conversion from a task's spec to solver types per kind; only developers' tools import worker",
+        why: "one conversion from a task's spec to solver types per kind; only developers' tools import worker; validation only in an example",
     },
     Rule {
         who: "coordinator",

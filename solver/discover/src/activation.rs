@@ -3,7 +3,9 @@
 //!
 //! Jung 2022, eqs. A1-A3 with a4 = 0: Sa = Smax φ(λ) g(t), where g is the mean over the wall of
 //! tanhⁿ(ts/τ_SR) tanh²((t_CR − ts)/τ_SD). The paper sets n to 2. Here n is a base parameter,
-//! because a fixed sharpness of the upstroke would be mistaken for late activation.
+//! because a fixed sharpness of the upstroke would be mistaken for late activation. The stress has
+//! a further factor 1 + tanh(κ dλ/dt), which the paper lacks: muscle that shortens bears less (Hill
+//! 1938, Proc R Soc B 126:136; for the left ventricle Shroff et al. 1985, Am J Physiol 249:H358).
 
 use cardiotwin_models::contraction::{ActiveStress, Contraction, ContractionError, NodeStep};
 use std::f64::consts::PI;
@@ -25,6 +27,8 @@ pub struct CurveParameters {
     pub least_stretch: f64,
     /// Time from the first to the last activation of the wall \[ms\].
     pub spread_ms: f64,
+    /// Loss of stress by shortening, per rate of the stretch \[s\].
+    pub rate_loss_s: f64,
 }
 
 /// Slope a6 of the length dependence.
@@ -38,6 +42,7 @@ const SPREAD_POINTS: usize = 8;
 pub struct ActivationCurve {
     table_kpa: Vec<f64>,
     least_stretch: f64,
+    rate_loss_s: f64,
 }
 
 impl ActivationCurve {
@@ -90,7 +95,19 @@ impl ActivationCurve {
         Self {
             table_kpa: table,
             least_stretch: p.least_stretch,
+            rate_loss_s: p.rate_loss_s,
         }
+    }
+
+    /// Factor of the stress at the step's rate of the stretch, with its derivative by the stretch at
+    /// the end of the step.
+    fn rate_factor(&self, step: &NodeStep) -> (f64, f64) {
+        if step.dt_ms <= 0.0 {
+            return (1.0, 0.0);
+        }
+        let per_stretch = 1e3 * self.rate_loss_s / step.dt_ms;
+        let change = (per_stretch * (step.lambda - step.lambda_prev)).tanh();
+        (1.0 + change, per_stretch * (1.0 - change * change))
     }
 }
 
@@ -132,9 +149,10 @@ impl Contraction for ActivationCurve {
         let (i, share) = (since as usize, since.fract());
         let activation = self.table_kpa[i] * (1.0 - share) + self.table_kpa[i + 1] * share;
         let (phi, dphi) = self.length_factor(step.lambda);
+        let (rate, drate) = self.rate_factor(step);
         Ok(ActiveStress {
-            sa_kpa: activation * phi,
-            dsa_dlambda_kpa: activation * dphi,
+            sa_kpa: activation * phi * rate,
+            dsa_dlambda_kpa: activation * (dphi * rate + phi * drate),
         })
     }
 }

@@ -77,7 +77,7 @@ pub fn discover(
     } else {
         stages[0].own.plain().clone()
     };
-    let nameless = stages[0].own.nameless();
+    let nameless = stages[0].own.unhealthy();
     let accepted: Vec<usize> = losses.iter().map(|loss| loss.term).collect();
     let beat_of = |fit: &Fit| {
         let near = problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));

@@ -3,8 +3,9 @@
 //!
 //! A result is only valid if it does not depend on the treatment of the remaining gap. Every
 //! structure is therefore fitted without a competitor and with each of them: free bumps of the
-//! activation, smooth errors of pressure and volume, and a candidate that improves the fit but may
-//! not be named because its strength is too small or at a bound.
+//! activation, smooth errors of pressure and volume, the errors by which the base misses healthy
+//! hearts of other formulations, and a candidate that improves the fit but may not be named because
+//! its strength is too small or at a bound.
 
 use crate::fit::Fit;
 use crate::forward::Forward;
@@ -25,16 +26,11 @@ pub enum DiscrepancyTerm {
     Activation,
     /// Smooth errors of pressure and volume.
     Traces,
+    /// Errors by which the base misses healthy hearts of a formulation, by index.
+    Formulation(usize),
     /// A candidate, by index, that may not be named.
     Unnamed(usize),
 }
-
-/// Competitors with which every structure is fitted.
-pub const ALWAYS: [DiscrepancyTerm; 3] = [
-    DiscrepancyTerm::Nothing,
-    DiscrepancyTerm::Activation,
-    DiscrepancyTerm::Traces,
-];
 
 /// The data as each competitor sees them. A smooth error is part of the covariance.
 #[derive(Debug)]
@@ -42,17 +38,33 @@ pub struct Views {
     /// Data without a competitor, which also serve for bumps of the activation.
     pub plain: Data,
     traces: Data,
+    formulations: Vec<Data>,
 }
 
 impl Views {
     /// Computes the covariances of all views.
     #[must_use]
     pub fn new(measured: &Measured, model_discrepancy: &ModelDiscrepancy, learnt: &Learnt) -> Self {
-        let wide = ModelDiscrepancy::discrepancy();
+        let data = |discrepancy, formulation| Data::new(measured.clone(), discrepancy, formulation);
         Self {
-            plain: Data::new(measured.clone(), model_discrepancy, learnt),
-            traces: Data::new(measured.clone(), &wide, learnt),
+            plain: data(model_discrepancy, None),
+            traces: data(&ModelDiscrepancy::discrepancy(), None),
+            formulations: (learnt.formulations.iter())
+                .map(|formulation| data(model_discrepancy, Some(formulation)))
+                .collect(),
         }
+    }
+
+    /// Competitors with which every structure is fitted, the first of them none.
+    #[must_use]
+    pub fn kinds(&self) -> Vec<DiscrepancyTerm> {
+        let mut kinds = vec![
+            DiscrepancyTerm::Nothing,
+            DiscrepancyTerm::Activation,
+            DiscrepancyTerm::Traces,
+        ];
+        kinds.extend((0..self.formulations.len()).map(DiscrepancyTerm::Formulation));
+        kinds
     }
 
     /// The fit problem with a competitor.
@@ -62,6 +74,7 @@ impl Views {
             | DiscrepancyTerm::Activation
             | DiscrepancyTerm::Unnamed(_) => &self.plain,
             DiscrepancyTerm::Traces => &self.traces,
+            DiscrepancyTerm::Formulation(at) => &self.formulations[at],
         };
         Problem { forward, data }
     }
@@ -109,6 +122,27 @@ impl FitsByDiscrepancy {
     #[must_use]
     pub fn neg2_log_evidence(&self) -> f64 {
         self.best().1.neg2_log_evidence
+    }
+
+    /// Best competitor that no healthy heart explains, and its evidence against the formulation of a
+    /// healthy heart that is nearest to the data.
+    #[must_use]
+    pub fn unhealthy(&self) -> (DiscrepancyTerm, f64) {
+        let is_healthy = |kind: &DiscrepancyTerm| {
+            matches!(
+                kind,
+                DiscrepancyTerm::Nothing | DiscrepancyTerm::Formulation(_)
+            )
+        };
+        let healthy = (self.fits.iter())
+            .filter(|(kind, _)| is_healthy(kind))
+            .map(|(_, fit)| fit.neg2_log_evidence)
+            .fold(f64::MAX, f64::min);
+        (self.fits.iter())
+            .filter(|(kind, _)| !is_healthy(kind) && !matches!(kind, DiscrepancyTerm::Unnamed(_)))
+            .map(|(kind, fit)| (*kind, healthy - fit.neg2_log_evidence))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((DiscrepancyTerm::Nothing, 0.0))
     }
 
     /// Best nameless competitor and its evidence against no competitor.

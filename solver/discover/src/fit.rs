@@ -94,6 +94,17 @@ fn degrees() -> (f64, f64) {
     (2.0 * stated, stated)
 }
 
+/// Sets the derivative of the prior, the last rows, where a parameter has no derivatives because the
+/// model has no beat beside it: without it the curvature would be singular.
+fn keep_priors(jacobian: &mut DMatrix<f64>) {
+    let (n_rows, n) = jacobian.shape();
+    for i in 0..n {
+        if jacobian.column(i).iter().all(|d| *d == 0.0) {
+            jacobian[(n_rows - n + i, i)] = 1.0;
+        }
+    }
+}
+
 impl Problem<'_> {
     /// Weights that profile the noise scales at this misfit.
     fn weights(&self, misfit: &Misfit) -> Weights {
@@ -134,9 +145,8 @@ impl Problem<'_> {
             + part(nu_v, self.data.volume.len(), misfit.volume)
             + misfit.side
             + misfit.prior
-            + misfit.volume_factor
-            + self.data.pressure.log_determinant
-            + self.data.volume.log_determinant
+            + misfit.log_determinant
+            + self.data.noise_log_determinant()
     }
 
     /// Fits a structure from one start, with the noise scales and orbit of a nearby fit; `None` if
@@ -161,7 +171,7 @@ impl Problem<'_> {
             let residuals = |z: &[f64], warm: Option<&Orbit>| {
                 self.residuals(structure, &parameters, z, weights, warm)
             };
-            let minimum = minimise_from(
+            let mut minimum = minimise_from(
                 &residuals,
                 &z,
                 warm.as_ref(),
@@ -170,6 +180,7 @@ impl Problem<'_> {
                 settings,
             )?;
             n_evaluations += minimum.n_evaluations;
+            keep_priors(&mut minimum.jacobian);
             let misfit = self.misfit(&minimum.residuals, weights);
             let next = self.weights(&misfit);
             let change = (next.pressure / weights.pressure)
@@ -180,9 +191,8 @@ impl Problem<'_> {
             if change < 0.03 || round == ROUNDS {
                 let deviance = self.deviance(&misfit);
                 let normal = minimum.jacobian.tr_mul(&minimum.jacobian);
-                let log_det = normal.cholesky().map_or(0.0, |c| {
-                    2.0 * c.l().diagonal().iter().map(|d| d.ln()).sum::<f64>()
-                });
+                let factor = normal.cholesky()?.l();
+                let log_det = 2.0 * factor.diagonal().iter().map(|d| d.ln()).sum::<f64>();
                 let neg2_log_evidence = deviance + log_det;
                 let z = minimum.z.clone();
                 let structure = structure.clone();

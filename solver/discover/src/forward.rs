@@ -74,13 +74,9 @@ pub struct Candidate {
     pub confused_with: Vec<String>,
     /// Measurements that would distinguish it from those.
     pub separated_by: Vec<String>,
-    /// Twice the logarithm of its frequency relative to the others, which decides between
-    /// candidates that the data cannot distinguish.
+    /// Twice the logarithm of its prior odds against the others, which decide between candidates
+    /// that the data cannot distinguish.
     pub log_prior: f64,
-    /// Evidence that the effect may have although nothing is missing, because heart and model are
-    /// formulated differently. A name needs this much additional evidence. The values are for a
-    /// strength below and above the off-value.
-    pub required_extra_evidence: [f64; 2],
     /// Side data without which the effect cannot be seen.
     pub hidden_because: Option<String>,
 }

@@ -198,8 +198,8 @@ pub fn minimise_from<S: Clone>(
 }
 
 /// One-sided differences towards the inside of the box; returns the number of evaluations. If the
-/// model has no result at the neighbour of a parameter, the other side is tried; if both fail, the
-/// derivative is zero.
+/// model has no result at the neighbour of a parameter, the other side and closer neighbours are
+/// tried; if all fail, the derivative is zero, and the curvature singular.
 pub(crate) fn differences<S>(
     residuals: &Residuals<'_, S>,
     (z, r, warm): (&[f64], &DVector<f64>, &S),
@@ -213,7 +213,7 @@ pub(crate) fn differences<S>(
         let (low, high) = bounds[i];
         let inward = if z[i] + step <= high { step } else { -step };
         let mut column = None;
-        for h in [inward, -inward] {
+        for h in [inward, -inward, 0.1 * inward, -0.1 * inward] {
             if !(low..=high).contains(&(z[i] + h)) {
                 continue;
             }

@@ -11,6 +11,7 @@ pub mod discrepancy;
 pub mod fit;
 pub mod forward;
 pub mod held_out;
+pub mod joint;
 pub mod learnt;
 pub mod least_squares;
 pub mod locate;

@@ -1,6 +1,6 @@
 //! Exchange and removal of accepted effects.
 
-use crate::discrepancy::{ALWAYS, DiscrepancyTerm, FitsByDiscrepancy, fit_by_discrepancy};
+use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy, fit_by_discrepancy};
 use crate::fit::Fit;
 use crate::search::{add_term, refit};
 use crate::stage::{BARE_MENTION, Search, SearchStage};
@@ -136,7 +136,8 @@ impl Search<'_> {
         unnamed: &[DiscrepancyTerm],
     ) -> Option<FitsByDiscrepancy> {
         let candidates = self.forward.candidates();
-        let kinds: Vec<DiscrepancyTerm> = ALWAYS.iter().chain(unnamed).copied().collect();
+        let mut kinds = self.views.kinds();
+        kinds.extend(unnamed);
         let fit = current.plain();
         let mut better: Option<(f64, FitsByDiscrepancy)> = None;
         for term in &fit.structure.terms {

@@ -5,7 +5,7 @@
 //! without any model.
 
 use crate::measured::{Measured, STATED_NOISE_SD};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DMatrixView};
 use std::f64::consts::TAU;
 
 /// Correlation time if the file states none \[ms\].
@@ -237,7 +237,7 @@ impl Whitener<'_> {
 impl Signal {
     /// # Panics
     /// If the covariance is not positive definite, which noise on the diagonal excludes.
-    fn new(
+    pub(crate) fn new(
         time_ms: Vec<f64>,
         value: Vec<f64>,
         noise_sd: f64,
@@ -256,20 +256,15 @@ impl Signal {
         }
     }
 
-    /// The same signal with further errors of the model, each a curve whose factor is standard
+    /// The same signal with further errors of the model: a column is one whose factor is standard
     /// normal.
     #[must_use]
-    pub fn widened(self, curves: &[Vec<f64>]) -> Self {
-        let mut covariance = self.covariance;
-        for curve in curves {
-            let curve = nalgebra::DVector::from_column_slice(curve);
-            covariance += &curve * curve.transpose();
-        }
+    pub fn widened(&self, errors: &DMatrixView<'_, f64>) -> Self {
         Self::new(
-            self.time_ms,
-            self.value,
+            self.time_ms.clone(),
+            self.value.clone(),
             self.noise_sd,
-            covariance,
+            &self.covariance + errors * errors.transpose(),
             self.factor_sd,
         )
     }
@@ -303,7 +298,7 @@ impl Signal {
     }
 
     /// Product of L⁻¹ with `x`.
-    fn solve_factor(&self, x: &[f64]) -> Vec<f64> {
+    pub(crate) fn solve_factor(&self, x: &[f64]) -> Vec<f64> {
         let mut row = 0;
         (0..x.len())
             .map(|i| {
@@ -314,17 +309,23 @@ impl Signal {
             .collect()
     }
 
+    /// u of the common factor; empty without one.
+    ///
+    /// - `model`: values of the model at the times of the data
+    pub(crate) fn white_factor(&self, model: &[f64]) -> Vec<f64> {
+        if self.factor_sd <= 0.0 {
+            return Vec::new();
+        }
+        let scaled: Vec<f64> = model.iter().map(|m| self.factor_sd * m).collect();
+        self.solve_factor(&scaled)
+    }
+
     /// Whitening of residuals from a model.
     ///
     /// - `model`: values of the model at the times of the data
     #[must_use]
     pub fn whitener(&self, model: &[f64]) -> Whitener<'_> {
-        let u: Vec<f64> = if self.factor_sd > 0.0 {
-            let scaled: Vec<f64> = model.iter().map(|m| self.factor_sd * m).collect();
-            self.solve_factor(&scaled)
-        } else {
-            Vec::new()
-        };
+        let u = self.white_factor(model);
         Whitener {
             signal: self,
             square: u.iter().map(|u| u * u).sum(),

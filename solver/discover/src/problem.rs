@@ -2,12 +2,13 @@
 //! data.
 
 use crate::forward::{Forward, Prediction, Request};
-use crate::learnt::Learnt;
+use crate::joint::Joint;
+use crate::learnt::Formulation;
 use crate::measured::Measured;
 use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 /// Number of factors of the activation in the nameless competitor.
 pub const N_BUMPS: usize = 6;
@@ -23,26 +24,38 @@ pub struct Data {
     pub levels: NoiseLevels,
     /// Discrepancy that the model may show although no effect is missing.
     pub model_discrepancy: ModelDiscrepancy,
-    /// Pressure samples, averaged in bins.
+    /// Pressure samples, averaged in bins, each with all errors of its own.
     pub pressure: Signal,
-    /// Volume of the frames.
+    /// Volume of the frames, each with all errors of its own.
     pub volume: Signal,
+    /// Noise of both, with the errors that they share.
+    joint: Joint,
 }
 
 impl Data {
     /// Computes bins, covariances and noise levels of measured data.
+    ///
+    /// - `formulation`: how the base may miss a healthy heart, besides
     #[must_use]
-    pub fn new(measured: Measured, model_discrepancy: &ModelDiscrepancy, learnt: &Learnt) -> Self {
+    pub fn new(
+        measured: Measured,
+        model_discrepancy: &ModelDiscrepancy,
+        formulation: Option<&Formulation>,
+    ) -> Self {
         let levels = NoiseLevels::of(&measured);
         let pressure = pressure_signal(&measured, &levels, model_discrepancy);
         let volume = volume_signal(&measured, &levels, model_discrepancy);
-        let [pressure, volume] = learnt.widen([pressure, volume], measured.cycle_ms);
+        let n = pressure.len();
+        let errors = formulation.map_or(DMatrix::zeros(n + volume.len(), 0), |formulation| {
+            formulation.errors([&pressure, &volume], measured.cycle_ms)
+        });
         Self {
             measured,
             levels,
             model_discrepancy: *model_discrepancy,
-            pressure,
-            volume,
+            pressure: pressure.widened(&errors.rows_range(..n)),
+            volume: volume.widened(&errors.rows_range(n..)),
+            joint: Joint::new(pressure, volume, errors),
         }
     }
 
@@ -54,11 +67,20 @@ impl Data {
                 .filter(|i| wanted(signal.time_ms[*i]))
                 .collect::<Vec<usize>>()
         };
+        let (pressure, volume) = (keep(&self.pressure), keep(&self.volume));
         Self {
-            pressure: self.pressure.subset(&keep(&self.pressure)),
-            volume: self.volume.subset(&keep(&self.volume)),
-            ..self.clone()
+            pressure: self.pressure.subset(&pressure),
+            volume: self.volume.subset(&volume),
+            joint: self.joint.subset(&pressure, &volume),
+            measured: self.measured.clone(),
+            ..*self
         }
+    }
+
+    /// Logarithm of the determinant of the noise's covariance.
+    #[must_use]
+    pub fn noise_log_determinant(&self) -> f64 {
+        self.joint.noise_log_determinant()
     }
 
     /// Number of independent data: frames, pressure samples two correlation times apart, and
@@ -109,8 +131,9 @@ pub struct Misfit {
     pub volume: f64,
     /// Sum over the side data.
     pub side: f64,
-    /// Logarithm of the determinant that the common factor of the volumes adds to their covariance.
-    pub volume_factor: f64,
+    /// Logarithm of the determinant that shared errors and the common factor of the volumes add to
+    /// the covariance of the noise.
+    pub log_determinant: f64,
     /// Sum over the priors.
     pub prior: f64,
 }
@@ -163,29 +186,29 @@ impl Problem<'_> {
     }
 
     /// White residuals of a beat, data minus model, in the order pressure, volume, side data. The
-    /// last element is the root of the logarithm of the determinant added by the volumes' common
-    /// factor, since that varies with the model. The weights multiply the squares of the first two
+    /// last element is the root of the logarithm of the determinant added by shared errors and the
+    /// volumes' common factor, since that varies with the model. The weights multiply the squares of the first two
     /// groups.
     #[must_use]
     pub fn white(&self, beat: &Prediction, weights: Weights) -> Vec<f64> {
         let data = self.data;
         let mut out = Vec::with_capacity(data.pressure.len() + data.volume.len() + 32);
-        let mut factor = 0.0;
-        for (signal, trace) in [
-            (&data.pressure, &beat.pressure_mmhg),
-            (&data.volume, &beat.volume_ml),
-        ] {
-            let model = beat.sampled(trace, &signal.time_ms);
-            let whitener = signal.whitener(&model);
-            out.extend(whitener.whiten(&signal.residual(&model)));
-            factor += whitener.factor_log_determinant();
-        }
+        let models = [
+            beat.sampled(&beat.pressure_mmhg, &data.pressure.time_ms),
+            beat.sampled(&beat.volume_ml, &data.volume.time_ms),
+        ];
+        let residuals = [
+            data.pressure.residual(&models[0]),
+            data.volume.residual(&models[1]),
+        ];
+        let white = (data.joint).whiten([&residuals[0], &residuals[1]], &models[1]);
+        out.extend(white.residuals);
         let (p, v) = (weights.pressure.sqrt(), weights.volume.sqrt());
         let n_p = data.pressure.len();
         out[..n_p].iter_mut().for_each(|r| *r *= p);
         out[n_p..].iter_mut().for_each(|r| *r *= v);
         out.extend(self.side(beat));
-        out.push(factor.sqrt());
+        out.push(white.log_determinant.sqrt());
         out
     }
 
@@ -241,7 +264,7 @@ impl Problem<'_> {
             pressure: sum(0, n_p) / weights.pressure,
             volume: sum(n_p, n_v) / weights.volume,
             side: sum(n_p + n_v, n_s),
-            volume_factor: sum(n_p + n_v + n_s, 1),
+            log_determinant: sum(n_p + n_v + n_s, 1),
             prior: sum(n_p + n_v + n_s + 1, residuals.len() - n_p - n_v - n_s - 1),
         }
     }

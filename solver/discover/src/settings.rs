@@ -13,7 +13,7 @@ pub struct Settings {
     pub fit: FitSettings,
     /// Discrepancy that the model may show although no effect is missing.
     pub model_discrepancy: ModelDiscrepancy,
-    /// Discrepancies learnt on healthy hearts, besides; none by default.
+    /// Discrepancies learnt on healthy hearts, besides.
     pub learnt: Learnt,
     /// Candidates and criteria. Without names of candidates, all effects of the catalogue are
     /// tried.
@@ -27,7 +27,7 @@ impl Default for Settings {
         Self {
             fit: FitSettings::default(),
             model_discrepancy: ModelDiscrepancy::default(),
-            learnt: Learnt::default(),
+            learnt: Learnt::healthy_hearts(),
             search: SearchSettings::default(),
             seed: 1,
         }

@@ -1,7 +1,7 @@
 //! One stage of the search: a structure, what each candidate adds to it, and what noise alone would give.
 
 use crate::bootstrap::{Tangent, null_maxima, quantile, tangents};
-use crate::discrepancy::{ALWAYS, DiscrepancyTerm, FitsByDiscrepancy, Views, fit_by_discrepancy};
+use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy, Views, fit_by_discrepancy};
 use crate::fit::Fit;
 use crate::forward::Forward;
 use crate::problem::Problem;
@@ -114,7 +114,7 @@ impl Search<'_> {
         let only = FitsByDiscrepancy {
             fits: vec![(DiscrepancyTerm::Nothing, current.clone())],
         };
-        let mut wide = fit_by_discrepancy(self.views, self.forward, only, &ALWAYS, fit);
+        let mut wide = fit_by_discrepancy(self.views, self.forward, only, &self.views.kinds(), fit);
         // A candidate with clear evidence that may not be named acts as a competitor.
         let gain = |f: &Fit| current.neg2_log_evidence - f.neg2_log_evidence;
         let unnamed = (fits.iter().enumerate())
@@ -319,16 +319,6 @@ impl Search<'_> {
         list
     }
 
-    /// Evidence required to name a term of a fit.
-    ///
-    /// - `threshold`: evidence that any name requires
-    #[must_use]
-    pub fn needed(&self, fit: &Fit, term: usize, threshold: f64) -> f64 {
-        let candidate = &self.forward.candidates()[term];
-        let above = fit.values()[self.offset(fit, term)] > candidate.off;
-        threshold + candidate.required_extra_evidence[usize::from(above)]
-    }
-
     /// Whether the evidence for an effect suffices.
     ///
     /// - `plain`: evidence without competitors on either side
@@ -348,11 +338,12 @@ impl Search<'_> {
         (self.ranking(stage).into_iter().map(|(term, _)| term))
             .filter_map(|term| Some((term, stage.with[term].as_ref()?)))
             .find(|(term, with)| self.nameable(with, *term))
-            .filter(|(term, with)| {
+            .filter(|(term, _)| {
                 let nameless = stage.own.plain().neg2_log_evidence - stage.own.neg2_log_evidence();
-                let needed = self.needed(with.plain(), *term, threshold);
                 let gains = stage.gain(*term).zip(stage.robust_gain(*term));
-                gains.is_some_and(|(plain, robust)| Self::enough((plain, robust, nameless), needed))
+                gains.is_some_and(|(plain, robust)| {
+                    Self::enough((plain, robust, nameless), threshold)
+                })
             })
             .map(|(term, _)| term)
     }

@@ -123,8 +123,7 @@ fn prune(search: &Search<'_>, stages: &[SearchStage], mut current: FitsByDiscrep
         let kept = |loss: &Loss| {
             let nameless =
                 loss.without.plain().neg2_log_evidence - loss.without.neg2_log_evidence();
-            let needed = search.needed(current.plain(), loss.term, threshold);
-            Search::enough((loss.plain, loss.robust, nameless), needed)
+            Search::enough((loss.plain, loss.robust, nameless), threshold)
         };
         if let Some(at) = losses.iter().rposition(|loss| !kept(loss)) {
             current = losses.swap_remove(at).without;

@@ -2,7 +2,6 @@
 //! it is right.
 
 use cardiotwin_discover::forward::{Forward, Prediction, Request};
-use cardiotwin_discover::learnt::Learnt;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::phases::Phases;
@@ -258,7 +257,7 @@ fn fitted_volumes_do_not_lie_below_the_measured_ones() {
         // Without scalars, only weak priors could hold the volumes elsewhere.
         measured.side = SideData::default();
         let model = Reduced::new(&measured);
-        let data = Data::new(measured, &ModelDiscrepancy::default(), &Learnt::default());
+        let data = Data::new(measured, &ModelDiscrepancy::default(), None);
         let problem = Problem {
             forward: &model,
             data: &data,
@@ -292,11 +291,7 @@ fn threads_do_not_change_a_bit() {
 #[test]
 fn phases_follow_the_valves_of_the_model() {
     let beat = beat(&[], &[]);
-    let data = Data::new(
-        patient(None, 4),
-        &ModelDiscrepancy::default(),
-        &Learnt::default(),
-    );
+    let data = Data::new(patient(None, 4), &ModelDiscrepancy::default(), None);
     let phases = Phases::of(&data.pressure, &data.volume, data.measured.cycle_ms);
     let open = |flow: &[f64]| {
         let n = flow.len();

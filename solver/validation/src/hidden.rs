@@ -169,6 +169,21 @@ impl Hidden {
         self.physical[key]
     }
 
+    /// Adds an artefact to the instruments; an effect of the heart changes none of them.
+    pub fn add_to(&self, instruments: &mut Instruments) {
+        match self.effect {
+            "catheter_response" => {
+                let [period, damping, lag] =
+                    ["natural_period_ms", "damping", "lag_ms"].map(|key| self.value(key));
+                instruments.catheter = Some((period, damping, lag));
+            }
+            "pv_misalignment" => instruments.volume_delay_ms = self.value("volume_delay_ms"),
+            "pressure_offset" => instruments.offset_mmhg = self.value("offset_mmHg"),
+            "volume_scaling" => instruments.volume_factor = self.value("volume_factor"),
+            _ => {}
+        }
+    }
+
     /// Adds the effect to a heart and its instruments.
     pub fn add(&self, heart: &mut Heart, instruments: &mut Instruments) {
         let reference_ml = heart.left.reference_ml;
@@ -228,14 +243,9 @@ impl Hidden {
             // An elastance has no directions: stress across the fibre acts as more pressure at the
             // same activation.
             "cross_fibre_stress" => heart.strengthen(1.0 + self.value("cross_fibre_share")),
-            "catheter_response" => {
-                let [period, damping, lag] =
-                    ["natural_period_ms", "damping", "lag_ms"].map(|key| self.value(key));
-                instruments.catheter = Some((period, damping, lag));
+            "catheter_response" | "pv_misalignment" | "pressure_offset" | "volume_scaling" => {
+                self.add_to(instruments);
             }
-            "pv_misalignment" => instruments.volume_delay_ms = self.value("volume_delay_ms"),
-            "pressure_offset" => instruments.offset_mmhg = self.value("offset_mmHg"),
-            "volume_scaling" => instruments.volume_factor = self.value("volume_factor"),
             "shortening_deactivation" => {
                 heart.left.deactivation =
                     Some((self.value("per_mL"), self.value("time_constant_s")));

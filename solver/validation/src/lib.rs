@@ -15,6 +15,7 @@ pub mod patient;
 pub mod plan;
 pub mod random;
 pub mod sarcomere;
+pub mod simulated;
 pub mod valve;
 
 pub use measure::{Case, Side, Stated};

@@ -1,82 +1,108 @@
 //! Learns how the base model misses healthy hearts of other formulations.
 //!
 //! ```text
-//! discrepancies FILE.json [--hearts N] [--seed N] [--jobs N]
+//! discrepancies FILE.json [--hearts N] [--seed N] [--jobs N] [--beats FILE] [--without FORMULATION]
 //! ```
 //!
+//! `--beats` adds the finite-element ventricles of the worker's example `finite-element-hearts`;
+//! `--without` leaves out `elastance`, `sarcomeres` or `finite-element`, to see how the search does
+//! on a formulation from which nothing was learnt.
+//!
 //! For each formulation, the base is fitted to noise-free beats of N healthy hearts. The residuals
-//! over the phases of the beat give one covariance a formulation; their mean is written as modes.
+//! over the phases of the beat give one covariance a formulation, which is written as modes.
 
+#[path = "../validation/self_consistent.rs"]
+mod self_consistent;
+#[path = "../validation/source.rs"]
+#[allow(dead_code)]
+mod source;
 #[path = "../validation/visibility.rs"]
 #[allow(dead_code)]
 mod visibility;
 
 use cardiotwin_discover::Reduced;
-use cardiotwin_discover::learnt::{Learnt, NODES, place};
+use cardiotwin_discover::learnt::{Formulation, Learnt, Mode, NODES, place};
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::noise::{ModelDiscrepancy, Signal};
 use cardiotwin_discover::phases::Phases;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
-use cardiotwin_validation::{Hearts, Plan, PlannedCase};
+use cardiotwin_validation::{Case, Hearts, Plan};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use source::Source;
 
 /// Share of the variance that the modes keep.
 const KEPT: f64 = 0.995;
 
 fn main() -> Result<(), String> {
     let mut all = std::env::args().skip(1);
-    let usage = "usage: discrepancies FILE.json [--hearts N] [--seed N] [--jobs N]";
+    let usage = "usage: discrepancies FILE.json [--hearts N] [--seed N] [--jobs N] [--beats FILE] [--without FORMULATION]";
     let file = all.next().ok_or(usage)?;
     let (mut n_hearts, mut seed, mut jobs) = (60usize, 900u64, 2usize);
+    let (mut beats, mut without) = (None, String::new());
     while let Some(flag) = all.next() {
-        let value: usize = all
-            .next()
-            .and_then(|v| v.parse().ok())
-            .ok_or(format!("{flag} needs a number"))?;
+        let value = all.next().ok_or(format!("{flag} needs a value"))?;
+        let number = || {
+            value
+                .parse::<usize>()
+                .map_err(|e| format!("{flag} {value}: {e}"))
+        };
         match flag.as_str() {
-            "--hearts" => n_hearts = value,
-            "--seed" => seed = value as u64,
-            "--jobs" => jobs = value,
+            "--hearts" => n_hearts = number()?,
+            "--seed" => seed = number()? as u64,
+            "--jobs" => jobs = number()?,
+            "--beats" => beats = Some(Source::beats(&value)?),
+            "--without" => without = value,
             _ => return Err(format!("unknown argument {flag}\n{usage}")),
         }
     }
+    let mut formulations = vec![
+        ("elastance", Source::Loop(Hearts::Elastance)),
+        ("sarcomeres", Source::Loop(Hearts::Sarcomeres)),
+    ];
+    formulations.extend(beats.map(|beats| ("finite-element", beats)));
+    formulations.retain(|(name, _)| *name != without);
     rayon::ThreadPoolBuilder::new()
         .num_threads(jobs)
         .build_global()
         .map_err(|e| e.to_string())?;
-    let mut covariances = [DMatrix::zeros(NODES, NODES), DMatrix::zeros(NODES, NODES)];
-    for hearts in [Hearts::Elastance, Hearts::Sarcomeres] {
-        let cases = Plan::Nulls.cases(n_hearts, seed, hearts);
-        let found: Vec<[DVector<f64>; 2]> = cases.par_iter().filter_map(residuals).collect();
-        eprintln!("{hearts:?}: {} of {n_hearts} hearts", found.len());
-        for (i, covariance) in covariances.iter_mut().enumerate() {
-            let of_it = found
-                .iter()
-                .map(|curves| &curves[i] * curves[i].transpose())
-                .sum::<DMatrix<f64>>()
-                / found.len() as f64;
-            let sd: Vec<String> = (0..NODES)
+    let mut learnt = Learnt::default();
+    for (name, source) in formulations {
+        let cases = Plan::Nulls.cases(n_hearts, seed, source.hearts());
+        let found: Vec<DVector<f64>> = cases
+            .par_iter()
+            .filter_map(|planned| residuals(&source.make(planned)?))
+            .collect();
+        eprintln!("{name}: {} of {n_hearts} hearts", found.len());
+        let of_it = (found.iter())
+            .map(|curve| curve * curve.transpose())
+            .sum::<DMatrix<f64>>()
+            / found.len() as f64;
+        for (i, signal) in ["pressure", "volume"].iter().enumerate() {
+            let sd: Vec<String> = (i * NODES..(i + 1) * NODES)
                 .map(|k| format!("{:.2}", 100.0 * of_it[(k, k)].sqrt()))
                 .collect();
-            eprintln!("  {} sd, %: {}", ["pressure", "volume"][i], sd.join(" "));
-            *covariance += of_it / 2.0;
+            eprintln!("  {signal} sd, %: {}", sd.join(" "));
         }
+        let modes = modes(of_it);
+        eprintln!("  {} modes", modes.len());
+        learnt.formulations.push(Formulation {
+            name: name.to_owned(),
+            modes,
+        });
     }
-    let [pressure, volume] = covariances.map(modes);
-    eprintln!("{} and {} modes", pressure.len(), volume.len());
-    let text = serde_json::to_string(&Learnt { pressure, volume }).map_err(|e| e.to_string())?;
+    let text = serde_json::to_string(&learnt).map_err(|e| e.to_string())?;
     std::fs::write(&file, text + "\n").map_err(|e| format!("{file}: {e}"))
 }
 
-/// Residuals of a heart over the phases of the beat, data less model, in shares of the amplitude.
-fn residuals(planned: &PlannedCase) -> Option<[DVector<f64>; 2]> {
-    let case = planned.make()?;
-    let measured = visibility::noise_free(&case);
+/// Residuals of a heart over the phases of the beat, data less model, in shares of the amplitude:
+/// pressure, then volume.
+fn residuals(case: &Case) -> Option<DVector<f64>> {
+    let measured = visibility::noise_free(case);
     let forward = Reduced::new(&measured);
     let cycle = measured.cycle_ms;
-    let data = Data::new(measured, &ModelDiscrepancy::default(), &Learnt::default());
+    let data = Data::new(measured, &ModelDiscrepancy::default(), None);
     let problem = Problem {
         forward: &forward,
         data: &data,
@@ -89,10 +115,14 @@ fn residuals(planned: &PlannedCase) -> Option<[DVector<f64>; 2]> {
         let (low, high) = signal.range();
         on_nodes(&residual, &signal.time_ms, &phases, cycle) / (high - low)
     };
-    Some([
+    let both = [
         over_nodes(&data.pressure, &beat.pressure_mmhg),
         over_nodes(&data.volume, &beat.volume_ml),
-    ])
+    ];
+    Some(DVector::from_iterator(
+        2 * NODES,
+        both.iter().flat_map(|curve| curve.iter().copied()),
+    ))
 }
 
 /// Values at the nodes that are interpolated to the residuals with the least squares, and a little
@@ -121,9 +151,9 @@ fn on_nodes(residual: &[f64], times_ms: &[f64], phases: &Phases, cycle_ms: f64) 
     normal.cholesky().expect("regular").solve(&right)
 }
 
-fn modes(covariance: DMatrix<f64>) -> Vec<Vec<f64>> {
+fn modes(covariance: DMatrix<f64>) -> Vec<Mode> {
     let eigen = covariance.symmetric_eigen();
-    let mut order: Vec<usize> = (0..NODES).collect();
+    let mut order: Vec<usize> = (0..2 * NODES).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
     let total: f64 = eigen.eigenvalues.iter().sum();
     let mut kept = 0.0;
@@ -134,14 +164,13 @@ fn modes(covariance: DMatrix<f64>) -> Vec<Vec<f64>> {
         }
         kept += eigen.eigenvalues[i];
         let scale = eigen.eigenvalues[i].max(0.0).sqrt();
-        modes.push(
-            eigen
-                .eigenvectors
-                .column(i)
-                .iter()
-                .map(|v| (v * scale * 1e6).round() / 1e6)
-                .collect(),
-        );
+        let rounded = |v: &f64| (v * scale * 1e6).round() / 1e6;
+        let mut both: Vec<f64> = eigen.eigenvectors.column(i).iter().map(rounded).collect();
+        let volume = both.split_off(NODES);
+        modes.push(Mode {
+            pressure: both,
+            volume,
+        });
     }
     modes
 }

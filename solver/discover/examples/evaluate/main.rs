@@ -5,7 +5,7 @@
 //!     [--learnt FILE] [--out FILE]
 //! ```
 //!
-//! `--learnt` takes discrepancies that the example `discrepancies` has learnt.
+//! `--learnt` takes discrepancies of the example `discrepancies` in the place of the built-in ones.
 //!
 //! It writes one JSON line per case to standard output and the table to standard error. With
 //! `--out` the lines go to a file, and cases that the file already contains are skipped, so that a
@@ -47,7 +47,7 @@ fn arguments() -> Result<Arguments, String> {
         side: true,
         seed: 1,
         out: None,
-        learnt: Learnt::default(),
+        learnt: Learnt::healthy_hearts(),
     };
     while let Some(flag) = all.next() {
         let mut value = || all.next().ok_or(format!("{flag} needs a value"));

@@ -2,7 +2,7 @@
 //! `labels.json`.
 
 use crate::visibility::Visibility;
-use cardiotwin_validation::{Case, Hearts, PlannedCase};
+use cardiotwin_validation::{Case, PlannedCase};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -61,14 +61,11 @@ pub struct Labels {
 
 impl Labels {
     /// Reads the labels of a folder, or starts with none.
-    pub fn open(folder: &Path, hearts: Option<Hearts>, seed: u64) -> Result<Self, String> {
+    ///
+    /// - `model`: name of the model that makes the cases
+    pub fn open(folder: &Path, model: &str, seed: u64) -> Result<Self, String> {
         std::fs::create_dir_all(folder)
             .map_err(|e| format!("cannot make {}: {e}", folder.display()))?;
-        let model = match hearts {
-            None => "the model that is fitted",
-            Some(Hearts::Sarcomeres) => "an independent closed loop with sarcomeres",
-            Some(Hearts::Elastance | Hearts::Extreme) => "an independent closed loop",
-        };
         put(
             &folder.join("cohort.toml"),
             &format!(

@@ -2,13 +2,14 @@
 //! `labels.json`.
 //!
 //! ```text
-//! validation FOLDER [--model other|sarcomeres|same] [--nulls N] [--singles N] [--doubles N] [--off N]
-//!     [--extremes N] [--seed N] [--jobs N] [--no-visibility]
+//! validation FOLDER [--model other|sarcomeres|same | --beats FILE] [--nulls N] [--singles N]
+//!     [--doubles N] [--off N] [--extremes N] [--seed N] [--jobs N] [--no-visibility]
 //! ```
 //!
 //! `other` is the independent closed loop of `solver/validation`, `sarcomeres` the same loop with
 //! sarcomeres in a spherical wall in the place of the elastance, `same` is the model that is
-//! fitted (an inverse crime, and labelled as such). Existing cases of the folder are kept, so that
+//! fitted (an inverse crime, and labelled as such). `--beats` takes beats that the worker's example
+//! `finite-element-hearts` has simulated for the same numbers and seed. Existing cases of the folder are kept, so that
 //! a stopped command can be continued. The visibility of each case, which requires fits, is entered
 //! last or left to a later call.
 
@@ -17,18 +18,19 @@ mod folder;
 #[allow(dead_code)]
 mod load;
 mod self_consistent;
+mod source;
 mod visibility;
 
 use cardiotwin_validation::{Hearts, Plan, PlannedCase};
 use rayon::prelude::*;
+use source::Source;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Mutex;
 
 struct Arguments {
     folder: PathBuf,
-    /// Hearts of the independent loop; `None` for the model that is fitted.
-    hearts: Option<Hearts>,
+    source: Source,
     sets: Vec<(Plan, usize)>,
     seed: u64,
     jobs: usize,
@@ -37,11 +39,11 @@ struct Arguments {
 
 fn arguments() -> Result<Arguments, String> {
     let mut all = std::env::args().skip(1);
-    let usage = "usage: validation FOLDER [--model other|sarcomeres|same] [--nulls N] [--singles N] [--doubles N] [--off N] [--extremes N] [--seed N]";
+    let usage = "usage: validation FOLDER [--model other|sarcomeres|same | --beats FILE] [--nulls N] [--singles N] [--doubles N] [--off N] [--extremes N] [--seed N]";
     let folder = all.next().ok_or(usage)?;
     let mut parsed = Arguments {
         folder: folder.into(),
-        hearts: Some(Hearts::Elastance),
+        source: Source::Loop(Hearts::Elastance),
         sets: Vec::new(),
         seed: 1,
         jobs: 2,
@@ -60,13 +62,14 @@ fn arguments() -> Result<Arguments, String> {
         };
         match flag.as_str() {
             "--model" => {
-                parsed.hearts = match value.as_str() {
-                    "other" => Some(Hearts::Elastance),
-                    "sarcomeres" => Some(Hearts::Sarcomeres),
-                    "same" => None,
+                parsed.source = match value.as_str() {
+                    "other" => Source::Loop(Hearts::Elastance),
+                    "sarcomeres" => Source::Loop(Hearts::Sarcomeres),
+                    "same" => Source::Fitted,
                     _ => return Err(format!("unknown model {value}\n{usage}")),
                 }
             }
+            "--beats" => parsed.source = Source::beats(&value)?,
             "--nulls" => parsed.sets.push((Plan::Nulls, number()?)),
             "--singles" => parsed.sets.push((Plan::Singles, number()?)),
             "--doubles" => parsed.sets.push((Plan::Doubles, number()?)),
@@ -78,10 +81,10 @@ fn arguments() -> Result<Arguments, String> {
         }
     }
     let asks_for = |plan: Plan| parsed.sets.iter().any(|(set, _)| *set == plan);
-    if parsed.hearts.is_none() && asks_for(Plan::OffCatalogue) {
-        return Err("--off: the model that is fitted has no gaps outside its catalogue".to_owned());
+    if !matches!(parsed.source, Source::Loop(_)) && asks_for(Plan::OffCatalogue) {
+        return Err("--off: only the closed loop has gaps outside the catalogue".to_owned());
     }
-    if parsed.hearts != Some(Hearts::Elastance) && asks_for(Plan::Extremes) {
+    if !matches!(parsed.source, Source::Loop(Hearts::Elastance)) && asks_for(Plan::Extremes) {
         return Err("--extremes: extreme hearts are made with --model other".to_owned());
     }
     Ok(parsed)
@@ -105,27 +108,16 @@ fn run() -> Result<(), String> {
         .map_err(|e| e.to_string())?;
     let planned: Vec<(PlannedCase, bool)> = (arguments.sets.iter())
         .flat_map(|(plan, n)| {
-            plan.cases(
-                *n,
-                arguments.seed,
-                arguments.hearts.unwrap_or(Hearts::Elastance),
-            )
-            .into_iter()
-            .map(|c| (c, plan.is_off_catalogue()))
+            let cases = plan.cases(*n, arguments.seed, arguments.source.hearts());
+            cases.into_iter().map(|c| (c, plan.is_off_catalogue()))
         })
         .collect();
     let labels = Mutex::new(folder::Labels::open(
         &arguments.folder,
-        arguments.hearts,
+        arguments.source.name(),
         arguments.seed,
     )?);
-    let make = |planned: &PlannedCase| {
-        if arguments.hearts.is_none() {
-            self_consistent::make(planned)
-        } else {
-            planned.make()
-        }
-    };
+    let make = |planned: &PlannedCase| arguments.source.make(planned);
     let known = |id: &str| labels.lock().expect("no thread has panicked").has(id);
     let wanted: Vec<&(PlannedCase, bool)> = planned
         .iter()

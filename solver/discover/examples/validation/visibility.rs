@@ -4,7 +4,6 @@
 use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
 use cardiotwin_discover::forward::Forward;
-use cardiotwin_discover::learnt::Learnt;
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
@@ -79,7 +78,7 @@ pub fn noise_free(case: &Case) -> Measured {
 pub fn of(case: &Case) -> Visibility {
     let measured = noise_free(case);
     let forward = Reduced::new(&measured);
-    let data = Data::new(measured, &ModelDiscrepancy::default(), &Learnt::default());
+    let data = Data::new(measured, &ModelDiscrepancy::default(), None);
     let problem = Problem {
         forward: &forward,
         data: &data,

@@ -55,8 +55,8 @@ pub struct Circulation {
     /// Index of each compartment's first state.
     first_state: Vec<usize>,
     connections: Vec<Connection>,
-    /// Whether the blood of any path has inertia, so that paths are prepared before a step.
-    has_inertia: bool,
+    /// Paths whose blood has inertia: they are prepared before a step, and their flow is a state.
+    inertial: Vec<usize>,
     now: CirculationState,
     /// Trial flows of the last evaluation, one per path.
     trial: Vec<f64>,
@@ -79,7 +79,7 @@ impl Circulation {
             compartments: Vec::new(),
             first_state: vec![0],
             connections: Vec::new(),
-            has_inertia: false,
+            inertial: Vec::new(),
             now: CirculationState {
                 time_ms: 0.0,
                 states: Vec::new(),
@@ -164,7 +164,10 @@ impl Circulation {
     /// If there is no path with this index.
     pub fn set_inertance(&mut self, path_idx: usize, inertance: f64) {
         self.connections[path_idx].path.set_inertance(inertance);
-        self.has_inertia |= inertance > 0.0;
+        self.inertial.retain(|idx| *idx != path_idx);
+        if inertance > 0.0 {
+            self.inertial.push(path_idx);
+        }
     }
 
     /// Time of the last committed step.
@@ -286,10 +289,9 @@ impl Circulation {
             end_ms: self.now.time_ms + dt.0,
             dt_ms: dt.0,
         };
-        if self.has_inertia {
-            for (connection, flow) in self.connections.iter_mut().zip(&self.now.flows_ml_per_s) {
-                connection.path.prepare(step, *flow);
-            }
+        for idx in &self.inertial {
+            let flow = self.now.flows_ml_per_s[*idx];
+            self.connections[*idx].path.prepare(step, flow);
         }
         let (mut net, mut slope) = (0.0, 0.0);
         for idx in 0..self.compartments.len() {
@@ -424,14 +426,19 @@ impl Circulation {
         self.now.clone()
     }
 
-    /// States that the next beat depends on.
-    pub(crate) fn beat_state(&self) -> &[f64] {
-        &self.now.states
+    /// States that the next beat depends on: those of the components, and flows with inertia.
+    pub(crate) fn beat_state(&self) -> impl Iterator<Item = f64> {
+        let flow = |idx: &usize| self.now.flows_ml_per_s[*idx];
+        (self.now.states.iter().copied()).chain(self.inertial.iter().map(flow))
     }
 
-    /// Starts a beat at time zero with these component states.
+    /// Starts a beat at time zero with these states.
     pub(crate) fn begin_beat(&mut self, states: &[f64]) {
+        let (states, flows) = states.split_at(self.now.states.len());
         self.now.states.copy_from_slice(states);
+        for (idx, flow) in self.inertial.iter().zip(flows) {
+            self.now.flows_ml_per_s[*idx] = *flow;
+        }
         self.now.time_ms = 0.0;
         self.roll_back();
     }

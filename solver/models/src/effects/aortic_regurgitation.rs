@@ -55,6 +55,7 @@ pub const EFFECT: Effect = Effect {
         "cuff pulse pressure",
         "colour Doppler of the aortic valve",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

@@ -50,6 +50,7 @@ pub const EFFECT: Effect = Effect {
         "jet velocity by Doppler",
         "catheter pull-back",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

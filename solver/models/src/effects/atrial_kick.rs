@@ -75,6 +75,7 @@ pub const EFFECT: Effect = Effect {
         "mitral inflow by Doppler or flow MRI (A-wave)",
         "electrocardiogram (P-wave)",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

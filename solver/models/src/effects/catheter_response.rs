@@ -68,6 +68,7 @@ pub const EFFECT: Effect = Effect {
         "flush test of the catheter",
         "a catheter with its sensor at the tip",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: Some(

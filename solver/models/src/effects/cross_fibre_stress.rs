@@ -44,6 +44,7 @@ pub const EFFECT: Effect = Effect {
         "torsion by tagging MRI",
         "the shape of the cavity over the beat",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::MaterialTerm {
         how: "active stress `cross_fibre_share` · Sa along the sheet direction",
     },

@@ -213,6 +213,9 @@ pub struct Effect {
     pub confused_with: &'static [&'static str],
     /// Measurements that would show the effect or distinguish it from those.
     pub separated_by: &'static [&'static str],
+    /// Frequency in relation to effects with the same traces, between which only it can decide; 1
+    /// where the literature gives no reason for another value. [`Effect::source`] names it.
+    pub prior_odds: f64,
     /// Transfer to a finite-element ventricle.
     pub in_3d: InThreeDimensions,
     /// Reason why pressure and volume of one ventricle cannot show the effect even in principle;

@@ -63,6 +63,7 @@ pub const EFFECT: Effect = Effect {
         "tissue Doppler (e')",
         "strain imaging: late parts of the wall",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

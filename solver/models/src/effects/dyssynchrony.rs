@@ -62,6 +62,7 @@ pub const EFFECT: Effect = Effect {
         "strain imaging: late parts of the wall",
         "an activation map",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::ActivationMap {
         how: "activation times of the lateral share `late_share` of the wall gain `delay_ms`",
     },

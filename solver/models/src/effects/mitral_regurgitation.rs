@@ -49,6 +49,7 @@ pub const EFFECT: Effect = Effect {
         "colour Doppler of the mitral valve",
         "atrial or wedge pressure (v-wave)",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

@@ -44,6 +44,7 @@ pub const EFFECT: Effect = Effect {
         "end-diastolic pressures and volumes at several loads (caval occlusion)",
         "fibrosis imaging (T1, extracellular volume)",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::PassiveExponents {
         factor: "exponent_factor",
     },

@@ -57,6 +57,7 @@ pub const EFFECT: Effect = Effect {
         "right-ventricular pressure (equal diastolic pressures)",
         "volumes of the other chambers",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

@@ -47,6 +47,7 @@ pub const EFFECT: Effect = Effect {
         "zero of the transducer before and after",
         "atrial or wedge pressure",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: Some(

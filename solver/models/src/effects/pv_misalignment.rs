@@ -52,6 +52,7 @@ pub const EFFECT: Effect = Effect {
         "electrocardiogram recorded with both traces",
         "pressure and volume from one conductance catheter",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: Some(

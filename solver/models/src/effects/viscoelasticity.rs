@@ -67,6 +67,7 @@ pub const EFFECT: Effect = Effect {
         "filling at two heart rates",
         "tissue Doppler (e')",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::MaterialTerm {
         how: "viscous fibre stress η_w dλ/dt, η_w = 9 η (V_ref + V_w/3)/ln(1 + V_w/V_ref) (kPa s, λ = 1 at V_ref)",
     },

@@ -42,6 +42,7 @@ pub const EFFECT: Effect = Effect {
         "forward stroke volume by flow MRI",
         "volume of a whole-heart image",
     ],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: Some(

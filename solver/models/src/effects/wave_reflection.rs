@@ -76,6 +76,7 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["aortic_stenosis", "dyssynchrony"],
     separated_by: &["aortic pressure trace", "aortic flow trace by flow MRI"],
+    prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: Some(
         "the shape of the activation absorbs what it leaves in pressure and volume of the ventricle; an aortic pressure or \

@@ -96,7 +96,7 @@ pub fn find(
     let mut x: Vec<f64> = model
         .ventricle
         .beat_state()
-        .chain(model.circulation.beat_state().iter().copied())
+        .chain(model.circulation.beat_state())
         .collect();
     let start = x[0];
     // Steps no more exact than the beat is asked to be: half an iteration a step less.
@@ -119,7 +119,7 @@ pub fn find(
         let end = model
             .ventricle
             .beat_state()
-            .chain(model.circulation.beat_state().iter().copied());
+            .chain(model.circulation.beat_state());
         let mut change = 0.0f64;
         for ((r, end), begin) in residual.iter_mut().zip(end).zip(&x) {
             *r = end - begin;
@@ -144,7 +144,7 @@ pub fn find(
             let end = model
                 .ventricle
                 .beat_state()
-                .chain(model.circulation.beat_state().iter().copied());
+                .chain(model.circulation.beat_state());
             x.iter_mut().zip(end).for_each(|(x, end)| *x = end);
             acceleration = Acceleration::default();
         }
