@@ -129,7 +129,7 @@ mod tests {
         std::fs::write(&file, format!("{line}\n{{\"cut")).expect("a temporary file");
         let read = read(&file);
         std::fs::remove_file(&file).expect("it was written");
-        assert_eq!(read.expect("one whole line"), [beat.clone()]);
+        assert_eq!(read.expect("one whole line"), std::slice::from_ref(&beat));
         let measured = case.measure(&beat);
         let offset = measured.hidden[0].physical["offset_mmHg"];
         assert!(offset.abs() > 1.0);
