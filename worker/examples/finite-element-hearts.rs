@@ -9,11 +9,12 @@
 //! can be continued.
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use cardiotwin_models::effects::{self, Kind};
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{
@@ -115,13 +116,8 @@ fn draw(random: &mut Random, n_nodes: u32) -> Heart {
 
 /// An effect of the heart as the catalogue has it; `None` for an artefact.
 fn effect(hidden: &Hidden) -> Option<EffectSpec> {
-    let artefacts = [
-        "catheter_response",
-        "pv_misalignment",
-        "pressure_offset",
-        "volume_scaling",
-    ];
-    (!artefacts.contains(&hidden.effect)).then(|| EffectSpec {
+    let declared = effects::find(hidden.effect).ok()?;
+    (declared.kind == Kind::Physiology).then(|| EffectSpec {
         name: hidden.effect.to_owned(),
         parameters: (hidden.physical.iter())
             .map(|(name, value)| ((*name).to_owned(), *value))
@@ -254,11 +250,15 @@ fn main() -> Result<(), String> {
         }
     }
     let path = Path::new(&file);
-    let there = if path.exists() {
-        simulated::read(path)?
-    } else {
-        Vec::new()
+    let text = match std::fs::read_to_string(path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => return Err(format!("{file}: {e}")),
+        text => text.unwrap_or_default(),
     };
+    let (there, whole) = simulated::parse(&text).map_err(|e| format!("{file}: {e}"))?;
+    if whole < text.len() {
+        // The next beat must not continue a line that was cut off.
+        std::fs::write(path, &text[..whole]).map_err(|e| format!("{file}: {e}"))?;
+    }
     let cases: Vec<PlannedCase> = (sets.into_iter())
         .flat_map(|(plan, n)| plan.cases(n as usize, seed, Hearts::Elastance))
         .filter(|case| there.iter().all(|beat| beat.case != case.id))

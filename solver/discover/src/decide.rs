@@ -77,12 +77,10 @@ pub fn discover(
     } else {
         stages[0].own.plain().clone()
     };
-    let nameless = stages[0].own.unhealthy();
+    let unhealthy = stages[0].own.unhealthy();
     let accepted: Vec<usize> = losses.iter().map(|loss| loss.term).collect();
-    let beat_of = |fit: &Fit| {
-        let near = problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
-        near.or_else(|| problem.predict(&fit.structure, &fit.values(), None))
-    };
+    let beat_of =
+        |fit: &Fit| problem.predict(&fit.structure, &fit.values(), Some(&fit.minimum.warm));
     let (before, after) = (
         beat_of(&base).ok_or(DiscoverError::NoBaseFit)?,
         beat_of(&current).ok_or(DiscoverError::NoBaseFit)?,
@@ -140,18 +138,18 @@ pub fn discover(
     deciding.retain(|d| seen.insert(d.clone()));
 
     let threshold = search.threshold(&stages[0]);
-    let unexplained = (accepted.is_empty() && nameless.1 >= threshold.max(10.0)).then(|| {
+    let unexplained = (accepted.is_empty() && unhealthy.1 >= threshold.max(10.0)).then(|| {
         let worst = locate(&problem, &before)
             .into_iter()
             .max_by(|a, b| a.share.total_cmp(&b.share));
         Unexplained {
-            kind: if nameless.0 == DiscrepancyTerm::Activation {
+            kind: if unhealthy.0 == DiscrepancyTerm::Activation {
                 "activation"
             } else {
                 "discrepancy"
             }
             .to_owned(),
-            log_evidence: nameless.1,
+            log_evidence: unhealthy.1,
             place: worst.expect("the table has rows"),
             depends_on: depends_on(data, &before),
         }
@@ -192,7 +190,7 @@ pub fn discover(
         gap_heldout_after: held_out_gap(&held_after),
         p_value: p_value(&stages[0].maxima, best_gain),
         threshold,
-        nameless_evidence: nameless.1,
+        nameless_evidence: unhealthy.1,
         places: locate(&problem, &before),
         where_after: locate(&problem, &after),
         gaps,

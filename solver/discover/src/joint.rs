@@ -6,18 +6,16 @@
 //! Its inverse square root is the symmetric one of the bracket, from the eigenvalues of Bᵀ B, times
 //! L⁻¹.
 
-use crate::noise::Signal;
+use crate::noise::{Signal, dilution};
 use nalgebra::{DMatrix, DVector};
 
-/// Noise of pressure and volume, with the errors that both share.
+/// Errors that pressure and volume share, besides the noise of each.
 #[derive(Debug, Clone)]
-pub struct Joint {
-    pressure: Signal,
-    volume: Signal,
-    /// Shared errors at the times of pressure, then volume; one column for each.
+pub struct SharedErrors {
+    /// Errors at the times of pressure, then volume; one column for each.
     errors: DMatrix<f64>,
     /// L⁻¹ times the errors.
-    white_errors: DMatrix<f64>,
+    white: DMatrix<f64>,
     /// Products of the white errors with one another.
     gram: DMatrix<f64>,
 }
@@ -31,17 +29,17 @@ pub struct White {
     pub log_determinant: f64,
 }
 
-impl Joint {
-    /// Noise of both signals with errors at their times: rows are pressure, then volume.
+impl SharedErrors {
+    /// Errors at the times of pressure, then volume: one row a datum.
     ///
     /// # Panics
     /// If the number of rows is not that of all data.
     #[must_use]
-    pub fn new(pressure: Signal, volume: Signal, errors: DMatrix<f64>) -> Self {
+    pub fn new([pressure, volume]: [&Signal; 2], errors: DMatrix<f64>) -> Self {
         let n = pressure.len();
         assert_eq!(errors.nrows(), n + volume.len(), "one row a datum");
-        let mut white_errors = errors.clone();
-        for (own, mut white) in errors.column_iter().zip(white_errors.column_iter_mut()) {
+        let mut white = errors.clone();
+        for (own, mut white) in errors.column_iter().zip(white.column_iter_mut()) {
             let own = own.as_slice();
             let both = [
                 pressure.solve_factor(&own[..n]),
@@ -49,34 +47,20 @@ impl Joint {
             ];
             white.copy_from_slice(&both.concat());
         }
-        let gram = white_errors.tr_mul(&white_errors);
+        let gram = white.tr_mul(&white);
         Self {
-            pressure,
-            volume,
             errors,
-            white_errors,
+            white,
             gram,
         }
     }
 
-    /// Logarithm of the determinant of the noise alone.
+    /// The errors of parts of both signals.
+    ///
+    /// - `rows`: indices of the parts' data among those of pressure, then volume
     #[must_use]
-    pub fn noise_log_determinant(&self) -> f64 {
-        self.pressure.log_determinant + self.volume.log_determinant
-    }
-
-    /// The data at these indices of pressure and volume.
-    #[must_use]
-    pub fn subset(&self, pressure: &[usize], volume: &[usize]) -> Self {
-        let n = self.pressure.len();
-        let rows: Vec<usize> = (pressure.iter().copied())
-            .chain(volume.iter().map(|i| n + i))
-            .collect();
-        Self::new(
-            self.pressure.subset(pressure),
-            self.volume.subset(volume),
-            self.errors.select_rows(&rows),
-        )
+    pub fn part(&self, signals: [&Signal; 2], rows: &[usize]) -> Self {
+        Self::new(signals, self.errors.select_rows(rows))
     }
 
     /// Whitens residuals from a model.
@@ -84,12 +68,17 @@ impl Joint {
     /// - `residuals`: data minus model, pressure and volume
     /// - `volume_ml`: the model's volume at the times of the data
     #[must_use]
-    pub fn whiten(&self, residuals: [&[f64]; 2], volume_ml: &[f64]) -> White {
-        let n_p = self.pressure.len();
-        let mut white = self.pressure.solve_factor(residuals[0]);
-        white.extend(self.volume.solve_factor(residuals[1]));
+    pub fn whiten(
+        &self,
+        [pressure, volume]: [&Signal; 2],
+        residuals: [&[f64]; 2],
+        volume_ml: &[f64],
+    ) -> White {
+        let n_p = pressure.len();
+        let mut white = pressure.solve_factor(residuals[0]);
+        white.extend(volume.solve_factor(residuals[1]));
         let mut white = DVector::from_vec(white);
-        let factor = DVector::from_vec(self.volume.white_factor(volume_ml));
+        let factor = DVector::from_vec(volume.white_factor(volume_ml));
         let (n_errors, n_factor) = (self.gram.nrows(), usize::from(!factor.is_empty()));
         let n = n_errors + n_factor;
         if n == 0 {
@@ -98,14 +87,14 @@ impl Joint {
                 log_determinant: 0.0,
             };
         }
-        let of_volume = self.white_errors.rows_range(n_p..);
+        let of_volume = self.white.rows_range(n_p..);
         let mut gram = DMatrix::zeros(n, n);
         gram.view_mut((0, 0), (n_errors, n_errors))
             .copy_from(&self.gram);
         let mut along = DVector::zeros(n);
         along
             .rows_mut(0, n_errors)
-            .copy_from(&self.white_errors.tr_mul(&white));
+            .copy_from(&self.white.tr_mul(&white));
         if n_factor == 1 {
             let shared = of_volume.tr_mul(&factor);
             gram.view_mut((0, n_errors), (n_errors, 1))
@@ -119,13 +108,11 @@ impl Joint {
         let mut rotated = eigen.eigenvectors.tr_mul(&along);
         let mut log_determinant = 0.0;
         for (along, value) in rotated.iter_mut().zip(eigen.eigenvalues.iter()) {
-            // (1 − 1/√(1 + λ))/λ without cancellation.
-            let root = (1.0 + value.max(0.0)).sqrt();
-            *along /= root * (1.0 + root);
+            *along /= dilution(value.max(0.0));
             log_determinant += value.max(0.0).ln_1p();
         }
         let shares = eigen.eigenvectors * rotated;
-        white -= &self.white_errors * shares.rows(0, n_errors);
+        white -= &self.white * shares.rows(0, n_errors);
         if n_factor == 1 {
             let mut of_volume = white.rows_range_mut(n_p..);
             of_volume.axpy(-shares[n_errors], &factor, 1.0);
@@ -155,7 +142,8 @@ mod tests {
         let pressure = Signal::new(times(n_p), vec![0.0; n_p], 1.0, own(n_p, 1.4), 0.0);
         let volume = Signal::new(times(n_v), vec![0.0; n_v], 1.0, own(n_v, 2.5), 0.02);
         let errors = DMatrix::from_fn(n, 3, |i, k| ((i * (k + 2)) as f64).sin());
-        let joint = Joint::new(pressure, volume, errors.clone());
+        let signals = [&pressure, &volume];
+        let shared = SharedErrors::new(signals, errors.clone());
         let model: Vec<f64> = (0..n_v).map(|i| 80.0 + 7.0 * i as f64).collect();
         let residual: Vec<f64> = (0..n).map(|i| (0.7 * i as f64).cos()).collect();
         let mut whole = &errors * errors.transpose();
@@ -169,12 +157,13 @@ mod tests {
                 };
             }
         }
-        let white = joint.whiten([&residual[..n_p], &residual[n_p..]], &model);
+        let white = shared.whiten(signals, [&residual[..n_p], &residual[n_p..]], &model);
         let factor = whole.cholesky().unwrap();
         let r = DVector::from_vec(residual);
         let square: f64 = white.residuals.iter().map(|w| w * w).sum();
         assert!((square / r.dot(&factor.solve(&r)) - 1.0).abs() < 1e-9);
-        let log_determinant = joint.noise_log_determinant() + white.log_determinant;
+        let of_noise = pressure.log_determinant + volume.log_determinant;
+        let log_determinant = of_noise + white.log_determinant;
         assert!((log_determinant - factor.ln_determinant()).abs() < 1e-9);
     }
 }

@@ -5,7 +5,7 @@
 //! without any model.
 
 use crate::measured::{Measured, STATED_NOISE_SD};
-use nalgebra::{DMatrix, DMatrixView};
+use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 
 /// Correlation time if the file states none \[ms\].
@@ -211,19 +211,24 @@ pub struct Whitener<'a> {
     square: f64,
 }
 
+/// λ/(1 − 1/√(1 + λ)) without cancellation: (1 + B Bᵀ)^(−1/2) takes B v vᵀ Bᵀ over this number from
+/// unit noise, where v is an eigenvector of Bᵀ B and λ its eigenvalue.
+pub(crate) fn dilution(eigenvalue: f64) -> f64 {
+    let root = (1.0 + eigenvalue).sqrt();
+    root * (1.0 + root)
+}
+
 impl Whitener<'_> {
     /// Whitened residuals (1 + u uᵀ)^(−1/2) L⁻¹ r of residuals r.
     #[must_use]
     pub fn whiten(&self, residual: &[f64]) -> Vec<f64> {
         let mut white = self.signal.solve_factor(residual);
-        if self.square > 0.0 {
-            let along: f64 = self.u.iter().zip(&white).map(|(u, w)| u * w).sum();
-            let share = along * (1.0 - (1.0 + self.square).sqrt().recip()) / self.square;
-            white
-                .iter_mut()
-                .zip(&self.u)
-                .for_each(|(w, u)| *w -= share * u);
-        }
+        let along: f64 = self.u.iter().zip(&white).map(|(u, w)| u * w).sum();
+        let share = along / dilution(self.square);
+        white
+            .iter_mut()
+            .zip(&self.u)
+            .for_each(|(w, u)| *w -= share * u);
         white
     }
 
@@ -254,19 +259,6 @@ impl Signal {
             log_determinant,
             factor_sd,
         }
-    }
-
-    /// The same signal with further errors of the model: a column is one whose factor is standard
-    /// normal.
-    #[must_use]
-    pub fn widened(&self, errors: &DMatrixView<'_, f64>) -> Self {
-        Self::new(
-            self.time_ms.clone(),
-            self.value.clone(),
-            self.noise_sd,
-            &self.covariance + errors * errors.transpose(),
-            self.factor_sd,
-        )
     }
 
     /// Smallest and largest value.
@@ -521,8 +513,9 @@ pub fn slopes(time: &[f64], value: &[f64], half_width_ms: f64) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::measured::{SideData, Uncertain};
+    use crate::random::standard_normal;
     use cardiotwin_vocabulary::trace_noise::Noise;
-    use rand::{Rng, SeedableRng};
+    use rand::SeedableRng;
     use rand_pcg::Pcg64;
 
     const CYCLE: usize = 900;
@@ -542,10 +535,7 @@ mod tests {
     /// Constant pressure of 50 mmHg and volume of 100 mL, with noise alone.
     fn noise_only(rms: f64, tau: f64, stated_rms: f64, seed: u64) -> Measured {
         let mut random = Pcg64::seed_from_u64(seed);
-        let mut normal = || {
-            let (u, v): (f64, f64) = (random.random(), random.random());
-            (-2.0 * (1.0 - u).ln()).sqrt() * (TAU * v).cos()
-        };
+        let mut normal = || standard_normal(&mut random);
         let rho = (-1.0 / tau).exp();
         let mut state = rms * normal();
         let pressure_mmhg = (0..CYCLE)

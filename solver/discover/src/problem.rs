@@ -2,7 +2,7 @@
 //! data.
 
 use crate::forward::{Forward, Prediction, Request};
-use crate::joint::Joint;
+use crate::joint::SharedErrors;
 use crate::learnt::Formulation;
 use crate::measured::Measured;
 use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
@@ -24,12 +24,12 @@ pub struct Data {
     pub levels: NoiseLevels,
     /// Discrepancy that the model may show although no effect is missing.
     pub model_discrepancy: ModelDiscrepancy,
-    /// Pressure samples, averaged in bins, each with all errors of its own.
+    /// Pressure samples, averaged in bins.
     pub pressure: Signal,
-    /// Volume of the frames, each with all errors of its own.
+    /// Volume of the frames.
     pub volume: Signal,
-    /// Noise of both, with the errors that they share.
-    joint: Joint,
+    /// Errors that both share.
+    shared: SharedErrors,
 }
 
 impl Data {
@@ -45,17 +45,18 @@ impl Data {
         let levels = NoiseLevels::of(&measured);
         let pressure = pressure_signal(&measured, &levels, model_discrepancy);
         let volume = volume_signal(&measured, &levels, model_discrepancy);
-        let n = pressure.len();
-        let errors = formulation.map_or(DMatrix::zeros(n + volume.len(), 0), |formulation| {
-            formulation.errors([&pressure, &volume], measured.cycle_ms)
-        });
+        let signals = [&pressure, &volume];
+        let errors = match formulation {
+            Some(formulation) => formulation.errors(signals, measured.cycle_ms),
+            None => DMatrix::zeros(pressure.len() + volume.len(), 0),
+        };
         Self {
+            shared: SharedErrors::new(signals, errors),
             measured,
             levels,
             model_discrepancy: *model_discrepancy,
-            pressure: pressure.widened(&errors.rows_range(..n)),
-            volume: volume.widened(&errors.rows_range(n..)),
-            joint: Joint::new(pressure, volume, errors),
+            pressure,
+            volume,
         }
     }
 
@@ -67,11 +68,13 @@ impl Data {
                 .filter(|i| wanted(signal.time_ms[*i]))
                 .collect::<Vec<usize>>()
         };
-        let (pressure, volume) = (keep(&self.pressure), keep(&self.volume));
+        let (mut rows, of_volume) = (keep(&self.pressure), keep(&self.volume));
+        let (pressure, volume) = (self.pressure.subset(&rows), self.volume.subset(&of_volume));
+        rows.extend(of_volume.iter().map(|i| self.pressure.len() + i));
         Self {
-            pressure: self.pressure.subset(&pressure),
-            volume: self.volume.subset(&volume),
-            joint: self.joint.subset(&pressure, &volume),
+            shared: self.shared.part([&pressure, &volume], &rows),
+            pressure,
+            volume,
             measured: self.measured.clone(),
             ..*self
         }
@@ -80,7 +83,7 @@ impl Data {
     /// Logarithm of the determinant of the noise's covariance.
     #[must_use]
     pub fn noise_log_determinant(&self) -> f64 {
-        self.joint.noise_log_determinant()
+        self.pressure.log_determinant + self.volume.log_determinant
     }
 
     /// Number of independent data: frames, pressure samples two correlation times apart, and
@@ -201,7 +204,11 @@ impl Problem<'_> {
             data.pressure.residual(&models[0]),
             data.volume.residual(&models[1]),
         ];
-        let white = (data.joint).whiten([&residuals[0], &residuals[1]], &models[1]);
+        let white = data.shared.whiten(
+            [&data.pressure, &data.volume],
+            [&residuals[0], &residuals[1]],
+            &models[1],
+        );
         out.extend(white.residuals);
         let (p, v) = (weights.pressure.sqrt(), weights.volume.sqrt());
         let n_p = data.pressure.len();

@@ -7,7 +7,6 @@ use crate::measure::{Case, instruments_on};
 use crate::plan::PlannedCase;
 use crate::random::Random;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 /// A simulated beat of a planned case, without what instruments do to it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,18 +43,17 @@ impl SimulatedBeat {
     }
 }
 
-/// Reads beats, one JSON object a line; a line that was cut off is left out.
+/// Beats of a text with one JSON object a line, and the length of the whole lines: a last line that
+/// was cut off is left out.
 ///
 /// # Errors
-/// A message with file and line.
-pub fn read(file: &Path) -> Result<Vec<SimulatedBeat>, String> {
-    let text = std::fs::read_to_string(file).map_err(|e| format!("{}: {e}", file.display()))?;
-    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
-    (whole.lines().enumerate())
-        .map(|(i, line)| {
-            serde_json::from_str(line).map_err(|e| format!("{}:{}: {e}", file.display(), i + 1))
-        })
-        .collect()
+/// A message with the line.
+pub fn parse(text: &str) -> Result<(Vec<SimulatedBeat>, usize), String> {
+    let end = text.rfind('\n').map_or(0, |end| end + 1);
+    let beats = (text[..end].lines().enumerate())
+        .map(|(i, line)| serde_json::from_str(line).map_err(|e| format!("line {}: {e}", i + 1)))
+        .collect::<Result<_, _>>()?;
+    Ok((beats, end))
 }
 
 impl PlannedCase {
@@ -124,12 +122,10 @@ mod tests {
             forward_ml,
             wall_ml: 100.0,
         };
-        let file = std::env::temp_dir().join(format!("simulated-{}.jsonl", std::process::id()));
         let line = serde_json::to_string(&beat).expect("numbers are JSON");
-        std::fs::write(&file, format!("{line}\n{{\"cut")).expect("a temporary file");
-        let read = read(&file);
-        std::fs::remove_file(&file).expect("it was written");
-        assert_eq!(read.expect("one whole line"), std::slice::from_ref(&beat));
+        let (read, end) = parse(&format!("{line}\n{{\"cut")).expect("one whole line");
+        assert_eq!(read, std::slice::from_ref(&beat));
+        assert_eq!(end, line.len() + 1);
         let measured = case.measure(&beat);
         let offset = measured.hidden[0].physical["offset_mmHg"];
         assert!(offset.abs() > 1.0);

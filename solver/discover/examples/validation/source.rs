@@ -3,7 +3,6 @@
 use crate::self_consistent;
 use cardiotwin_validation::simulated::{self, SimulatedBeat};
 use cardiotwin_validation::{Case, Hearts, PlannedCase};
-use std::path::Path;
 
 /// Model that makes the beats.
 pub enum Source {
@@ -18,7 +17,9 @@ pub enum Source {
 impl Source {
     /// Reads simulated beats, one JSON object a line.
     pub fn beats(file: &str) -> Result<Self, String> {
-        simulated::read(Path::new(file)).map(Self::Beats)
+        let text = std::fs::read_to_string(file).map_err(|e| format!("{file}: {e}"))?;
+        let (beats, _) = simulated::parse(&text).map_err(|e| format!("{file}: {e}"))?;
+        Ok(Self::Beats(beats))
     }
 
     /// Hearts of the planned cases; other sources take their cycle length from the loop.
