@@ -12,9 +12,6 @@ use rayon::prelude::*;
 /// Evidence below which no result is preferred: "not worth more than a bare mention" (Kass and
 /// Raftery 1995).
 pub const BARE_MENTION: f64 = 2.0;
-/// Evidence that an effect needs beside a competitor that explains more than the effect: odds of 7
-/// to 1.
-const BESIDE_BETTER: f64 = 4.0;
 /// Score below which a candidate is not fitted where it has been fitted without the competitor, or at an earlier stage.
 const WORTH_A_FIT: f64 = -3.0;
 /// Number of candidates that are fitted with all competitors.
@@ -319,16 +316,14 @@ impl Search<'_> {
         list
     }
 
-    /// Whether the evidence for an effect suffices.
+    /// Whether the evidence for an effect, its prior odds included, suffices for a name.
     ///
     /// - `plain`: evidence without competitors on either side
     /// - `robust`: evidence with the best competitor on either side
-    /// - `nameless`: evidence of the best competitor in place of the effect
-    /// - `needed`: evidence that the name requires
+    /// - `needed`: evidence that a name requires at even odds
     #[must_use]
-    pub fn enough((plain, robust, nameless): (f64, f64, f64), needed: f64) -> bool {
-        let wins = plain >= nameless && robust >= 0.0;
-        plain >= needed && (wins || robust >= BESIDE_BETTER)
+    pub fn enough(&self, term: usize, (plain, robust): (f64, f64), needed: f64) -> bool {
+        plain.min(robust) + self.forward.candidates()[term].log_prior >= needed
     }
 
     /// Best candidate that may be named; `None` if its evidence does not suffice.
@@ -339,11 +334,8 @@ impl Search<'_> {
             .filter_map(|term| Some((term, stage.with[term].as_ref()?)))
             .find(|(term, with)| self.nameable(with, *term))
             .filter(|(term, _)| {
-                let nameless = stage.own.plain().neg2_log_evidence - stage.own.neg2_log_evidence();
                 let gains = stage.gain(*term).zip(stage.robust_gain(*term));
-                gains.is_some_and(|(plain, robust)| {
-                    Self::enough((plain, robust, nameless), threshold)
-                })
+                gains.is_some_and(|gains| self.enough(*term, gains, threshold))
             })
             .map(|(term, _)| term)
     }

@@ -13,10 +13,6 @@ const N_SWAPS: usize = 4;
 /// Number of times that the search continues from the remaining structure after effects were
 /// removed.
 const RETURNS: usize = 2;
-/// Ratio of the gap on held-out data with effects to the gap without them, above which the effects
-/// count as fitted to chance.
-const HELD_OUT_RISE: f64 = 1.02;
-
 /// Result of the search over structures.
 pub(crate) struct Found {
     /// One stage per number of effects, the base first.
@@ -116,15 +112,13 @@ struct Pruned {
 /// data do not confirm. A later effect may have replaced an earlier one.
 fn prune(search: &Search<'_>, stages: &[SearchStage], mut current: FitsByDiscrepancy) -> Pruned {
     let threshold = search.threshold(&stages[0]);
+    // One standard error of an rms of so many independent data.
+    let rise = 1.0 + (2.0 * search.views.plain.n_effective()).sqrt().recip();
     let predict = |fit: &Fit| held_out(&search.plain(), fit, &search.settings.fit);
     let mut before = None;
     loop {
         let mut losses = search.losses(&current, stages);
-        let kept = |loss: &Loss| {
-            let nameless =
-                loss.without.plain().neg2_log_evidence - loss.without.neg2_log_evidence();
-            Search::enough((loss.plain, loss.robust, nameless), threshold)
-        };
+        let kept = |loss: &Loss| search.enough(loss.term, (loss.plain, loss.robust), threshold);
         if let Some(at) = losses.iter().rposition(|loss| !kept(loss)) {
             current = losses.swap_remove(at).without;
             continue;
@@ -144,7 +138,7 @@ fn prune(search: &Search<'_>, stages: &[SearchStage], mut current: FitsByDiscrep
         let confirmed = with
             .as_ref()
             .zip(without.as_ref())
-            .is_none_or(|(a, b)| a.gap <= HELD_OUT_RISE * b.gap);
+            .is_none_or(|(a, b)| a.gap <= rise * b.gap);
         if confirmed {
             return Pruned {
                 left: current,

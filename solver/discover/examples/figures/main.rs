@@ -1,11 +1,15 @@
-//! Draws results of `evaluate --out` on labelled sets: the confusion matrix and the power curves,
-//! as SVG. It prints the scores as text and writes one line per case to `discover-evaluation.csv`.
+//! Draws results of `evaluate --out` on labelled sets: the confusion matrix, power curves, the
+//! curve of thresholds, and the reliability of probabilities, as SVG. It prints the scores as text and writes one line per case to `discover-evaluation.csv`.
 //!
 //! `figures OUT_FOLDER NAME=CASES_DIR=RESULTS_FILE ...`
 
 mod confusion;
+mod frame;
 mod power;
+mod rate;
+mod reliability;
 mod svg;
+mod thresholds;
 
 use serde_json::Value;
 use std::path::Path;
@@ -30,6 +34,22 @@ pub struct Case {
     pub named: Vec<String>,
     /// Whether a gap without a name was reported.
     pub unexplained: bool,
+    /// Ranked effects, the named ones first.
+    pub ranked: Vec<Ranked>,
+}
+
+/// An effect of the ranking.
+pub struct Ranked {
+    /// Name of the effect.
+    pub name: String,
+    /// Stated probability.
+    pub probability: f64,
+    /// Evidence without competitors.
+    pub evidence: f64,
+    /// Evidence with the best competitor on either side.
+    pub robust: f64,
+    /// Whether its strength may be named.
+    pub plausible: bool,
 }
 
 impl Case {
@@ -76,6 +96,8 @@ fn run() -> Result<(), String> {
     let files = [
         ("discover-confusion.svg", confusion::draw(&sets)),
         ("discover-power.svg", power::draw(&sets)),
+        ("discover-thresholds.svg", thresholds::draw(&sets)),
+        ("discover-reliability.svg", reliability::draw(&sets)),
         ("discover-evaluation.csv", lines(&sets)),
     ];
     for (file, text) in files {
@@ -83,6 +105,8 @@ fn run() -> Result<(), String> {
         std::fs::write(&path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
     }
     print!("{}", power::table(&sets));
+    print!("{}", thresholds::table(&sets));
+    print!("{}", reliability::table(&sets));
     Ok(())
 }
 
@@ -110,6 +134,16 @@ fn lines(sets: &[Set]) -> String {
         }
     }
     out
+}
+
+fn ranked(effect: &Value) -> Option<Ranked> {
+    Some(Ranked {
+        name: effect["name"].as_str()?.to_owned(),
+        probability: effect["probability"].as_f64()?,
+        evidence: effect["log_evidence"].as_f64()?,
+        robust: effect["robust_evidence"].as_f64()?,
+        plausible: effect["plausible"].as_bool()?,
+    })
 }
 
 fn read(text: &str) -> Result<Set, String> {
@@ -156,6 +190,9 @@ fn read(text: &str) -> Result<Set, String> {
                 .filter_map(|n| Some(n.as_str()?.to_owned()))
                 .collect(),
             unexplained: !found["unexplained"].is_null(),
+            ranked: (found["effects"].as_array().into_iter().flatten())
+                .filter_map(ranked)
+                .collect(),
         });
     }
     Ok(Set {

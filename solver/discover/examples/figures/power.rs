@@ -1,123 +1,11 @@
 //! Detection rates over strength, noise and visibility, with intervals.
 
+use crate::frame::{COLOURS, Frame, legend};
+use crate::rate::{BANDS, Rate, band, is_visible, right_class, right_first, same_class, singles};
 use crate::svg::{Anchor, Svg};
 use crate::{Case, Set};
 use cardiotwin_validation::hidden::NAMES;
 use std::fmt::Write;
-
-/// Effects that these data can hardly distinguish.
-const CLASSES: [[&str; 2]; 3] = [
-    ["mitral_regurgitation", "ventricular_septal_defect"],
-    ["passive_stiffening", "pericardial_constraint"],
-    ["aortic_stenosis", "wave_reflection"],
-];
-const COLOURS: [&str; 4] = ["#1f6fb4", "#d9731a", "#2f8f4e", "#7a4fa3"];
-/// Bands of visibility: names and lower ends.
-const BANDS: [(&str, f64); 4] = [
-    ("limit", f64::MIN),
-    ("weak", 20.0),
-    ("moderate", 50.0),
-    ("strong", 150.0),
-];
-
-#[derive(Clone, Copy, Default)]
-struct Rate {
-    hits: usize,
-    of: usize,
-}
-
-impl Rate {
-    fn of<'a>(cases: impl Iterator<Item = &'a Case>, hit: impl Fn(&Case) -> bool) -> Self {
-        cases.fold(Self::default(), |r, c| Self {
-            hits: r.hits + usize::from(hit(c)),
-            of: r.of + 1,
-        })
-    }
-
-    fn share(self) -> f64 {
-        self.hits as f64 / self.of.max(1) as f64
-    }
-
-    /// 95 % interval (Wilson 1927).
-    fn interval(self) -> (f64, f64) {
-        let (n, p, z) = (self.of.max(1) as f64, self.share(), 1.96);
-        let middle = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
-        let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-        ((middle - half).max(0.0), (middle + half).min(1.0))
-    }
-
-    fn words(self) -> String {
-        let (low, high) = self.interval();
-        let percent = |x: f64| 100.0 * x;
-        format!(
-            "{} of {} ({:.0} %, 95 % interval {:.0} to {:.0} %)",
-            self.hits,
-            self.of,
-            percent(self.share()),
-            percent(low),
-            percent(high)
-        )
-    }
-}
-
-fn same_class(a: &str, b: &str) -> bool {
-    a == b
-        || CLASSES
-            .iter()
-            .any(|class| class.contains(&a) && class.contains(&b))
-}
-
-fn right_first(case: &Case) -> bool {
-    case.single()
-        .is_some_and(|(truth, _)| case.named.first() == Some(truth))
-}
-
-fn right_class(case: &Case) -> bool {
-    case.single()
-        .is_some_and(|(truth, _)| case.named.first().is_some_and(|n| same_class(n, truth)))
-}
-
-/// Frame of a plot: the rate from 0 to 1 over an axis from 0 to 1.
-struct Frame {
-    x: f64,
-    y: f64,
-    w: f64,
-    h: f64,
-}
-
-impl Frame {
-    fn at(&self, x: f64, rate: f64) -> (f64, f64) {
-        (self.x + self.w * x, self.y + self.h * (1.0 - rate))
-    }
-
-    fn draw(&self, svg: &mut Svg, title: &str) {
-        svg.rect(self.x, self.y, self.w, self.h, "#fafafa");
-        for (rate, name) in [(0.0, "0"), (0.5, "½"), (1.0, "1")] {
-            svg.line(self.at(0.0, rate), self.at(1.0, rate), "#d8d8d8", 0.7);
-            let (x, y) = self.at(0.0, rate);
-            svg.text((x - 5.0, y + 4.0), 11.0, Anchor::End, 0.0, name);
-        }
-        svg.text((self.x, self.y - 7.0), 12.0, Anchor::Start, 0.0, title);
-    }
-
-    /// Draws points with intervals, joined by lines.
-    fn curve(&self, svg: &mut Svg, points: &[(f64, Rate)], colour: &str) {
-        let points: Vec<&(f64, Rate)> = points.iter().filter(|(_, r)| r.of > 0).collect();
-        for pair in points.windows(2) {
-            svg.line(
-                self.at(pair[0].0, pair[0].1.share()),
-                self.at(pair[1].0, pair[1].1.share()),
-                colour,
-                1.5,
-            );
-        }
-        for (x, rate) in points {
-            let (low, high) = rate.interval();
-            svg.line(self.at(*x, low), self.at(*x, high), colour, 0.6);
-            svg.disc(self.at(*x, rate.share()), 3.0, colour);
-        }
-    }
-}
 
 /// Draws the rates over visibility for each set, then those of each effect over its strength.
 pub fn draw(sets: &[Set]) -> String {
@@ -134,17 +22,7 @@ pub fn draw(sets: &[Set]) -> String {
         0.0,
         "Share of cases with one effect whose right name, up to its class, comes first",
     );
-    for (k, set) in sets.iter().enumerate() {
-        let y = 42.0 + 18.0 * k as f64;
-        svg.disc((20.0, y - 4.0), 4.0, COLOURS[k % COLOURS.len()]);
-        svg.text(
-            (30.0, y),
-            12.0,
-            Anchor::Start,
-            0.0,
-            &format!("{} (bars: 95 %)", set.name),
-        );
-    }
+    legend(&mut svg, sets.iter().map(|set| set.name.as_str()));
     let wide = Frame {
         x: 60.0,
         y: 120.0,
@@ -262,15 +140,6 @@ pub fn draw(sets: &[Set]) -> String {
     svg.finish()
 }
 
-fn singles(set: &Set) -> impl Iterator<Item = &Case> {
-    set.cases.iter().filter(|c| c.single().is_some())
-}
-
-fn band(case: &Case) -> Option<usize> {
-    let seen = case.visibility?;
-    BANDS.iter().rposition(|(_, low)| seen >= *low)
-}
-
 /// The scores as a Markdown table.
 pub fn table(sets: &[Set]) -> String {
     let mut out = String::from("| set | figure | |\n|---|---|---|\n");
@@ -280,7 +149,7 @@ pub fn table(sets: &[Set]) -> String {
                 let _ = writeln!(out, "| {} | {figure} | {} |", set.name, rate.words());
             }
         };
-        let seen = |c: &&Case| !c.hard && band(c).is_none_or(|b| b > 0);
+        let seen = |c: &&Case| is_visible(c);
         row(
             "one effect, weak or better: right name first",
             Rate::of(singles(set).filter(seen), right_first),

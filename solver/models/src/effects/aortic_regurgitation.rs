@@ -1,7 +1,8 @@
 //! Aortic regurgitation: a leak of the closed aortic valve.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
@@ -55,7 +56,7 @@ pub const EFFECT: Effect = Effect {
         "cuff pulse pressure",
         "colour Doppler of the aortic valve",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

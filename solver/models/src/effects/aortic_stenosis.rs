@@ -1,7 +1,8 @@
 //! Aortic stenosis: a Bernoulli loss in the aortic valve.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTIC_VALVE;
@@ -50,7 +51,7 @@ pub const EFFECT: Effect = Effect {
         "jet velocity by Doppler",
         "catheter pull-back",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

@@ -14,7 +14,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "The left atrium contracts before systole and pushes a last share of blood into the ventricle.",
     equation: "P_la(t) = P_0 + A sin²(π (t − t_a)/d) for t_a < t < t_a + d, t_a = onset − lead, each cycle",
-    source: "Jung et al. 2022 (named there as missing); Hoit 2014, J Am Coll Cardiol 63:493 (left atrial booster function)",
+    source: "Jung et al. 2022 (named there as missing); Hoit 2014, J Am Coll Cardiol 63:493 (left atrial booster function); nine patients in ten or more are in sinus rhythm: Chugh et al. 2014, Circulation 129:837",
     parameters: &[
         Parameter {
             name: "amplitude_mmHg",
@@ -75,7 +75,7 @@ pub const EFFECT: Effect = Effect {
         "mitral inflow by Doppler or flow MRI (A-wave)",
         "electrocardiogram (P-wave)",
     ],
-    prior_odds: 1.0,
+    prior_odds: 10.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

@@ -1,8 +1,8 @@
 //! Cross-fibre stress: active stress perpendicular to the fibres.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
-    Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, OneFibreParts, Parameter, Phase,
+    Role, Sign, Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::contraction::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
@@ -44,7 +44,7 @@ pub const EFFECT: Effect = Effect {
         "torsion by tagging MRI",
         "the shape of the cavity over the beat",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::MaterialTerm {
         how: "active stress `cross_fibre_share` · Sa along the sheet direction",
     },

@@ -189,6 +189,10 @@ pub struct Mark {
     pub sign: Sign,
 }
 
+/// Prior odds of an effect whose frequency among patients is not stated. With fifteen such effects,
+/// three patients in four have at least one.
+pub const ONE_OF_MANY: f64 = 0.1;
+
 /// An entry of the catalogue.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Effect {
@@ -213,8 +217,8 @@ pub struct Effect {
     pub confused_with: &'static [&'static str],
     /// Measurements that would show the effect or distinguish it from those.
     pub separated_by: &'static [&'static str],
-    /// Frequency in relation to effects with the same traces, between which only it can decide; 1
-    /// where the literature gives no reason for another value. [`Effect::source`] names it.
+    /// Odds that a patient has the effect, before the data: [`ONE_OF_MANY`] unless
+    /// [`Effect::source`] names another frequency.
     pub prior_odds: f64,
     /// Transfer to a finite-element ventricle.
     pub in_3d: InThreeDimensions,

@@ -1,8 +1,8 @@
 //! Dyssynchrony: late contraction of part of the wall.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
-    Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, OneFibreParts, Parameter, Phase,
+    Role, Sign, Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::ActivationGroups;
@@ -62,7 +62,7 @@ pub const EFFECT: Effect = Effect {
         "strain imaging: late parts of the wall",
         "an activation map",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::ActivationMap {
         how: "activation times of the lateral share `late_share` of the wall gain `delay_ms`",
     },

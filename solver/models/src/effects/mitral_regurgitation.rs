@@ -1,7 +1,8 @@
 //! Mitral regurgitation: a leak of the closed mitral valve.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::LEFT_ATRIUM;
@@ -49,7 +50,7 @@ pub const EFFECT: Effect = Effect {
         "colour Doppler of the mitral valve",
         "atrial or wedge pressure (v-wave)",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

@@ -1,8 +1,8 @@
 //! Passive stiffening: a passive law that rises faster with volume.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
-    Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, OneFibreParts, Parameter, Phase,
+    Role, Sign, Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::PassiveLaw as _;
@@ -44,7 +44,7 @@ pub const EFFECT: Effect = Effect {
         "end-diastolic pressures and volumes at several loads (caval occlusion)",
         "fibrosis imaging (T1, extracellular volume)",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::PassiveExponents {
         factor: "exponent_factor",
     },

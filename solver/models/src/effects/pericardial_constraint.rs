@@ -1,8 +1,8 @@
 //! Pericardial constraint, as a function of the left ventricle alone.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
-    Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, OneFibreParts, Parameter, Phase,
+    Role, Sign, Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
@@ -57,7 +57,7 @@ pub const EFFECT: Effect = Effect {
         "right-ventricular pressure (equal diastolic pressures)",
         "volumes of the other chambers",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

@@ -2,7 +2,8 @@
 
 use super::EffectError;
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces};
 
@@ -47,7 +48,7 @@ pub const EFFECT: Effect = Effect {
         "zero of the transducer before and after",
         "atrial or wedge pressure",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: Some(

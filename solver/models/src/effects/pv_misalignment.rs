@@ -2,7 +2,8 @@
 
 use super::EffectError;
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
 
@@ -52,7 +53,7 @@ pub const EFFECT: Effect = Effect {
         "electrocardiogram recorded with both traces",
         "pressure and volume from one conductance catheter",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: Some(

@@ -1,7 +1,8 @@
 //! Ventricular septal defect: a hole between the ventricles.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::circulation::{Circulation, Compartment, Direction, Orifice, TimeStep};
@@ -79,7 +80,7 @@ pub const EFFECT: Effect = Effect {
         "flow MRI of aorta and pulmonary artery (Qp/Qs)",
         "right-ventricular oxygen saturation",
     ],
-    prior_odds: 1.0 / 3.0,
+    prior_odds: ONE_OF_MANY / 3.0,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: None,
     remedy: None,

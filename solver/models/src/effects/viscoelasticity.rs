@@ -1,8 +1,8 @@
 //! Viscoelasticity: a viscous resistance of the wall.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
-    Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, OneFibreParts, Parameter, Phase,
+    Role, Sign, Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
@@ -67,7 +67,7 @@ pub const EFFECT: Effect = Effect {
         "filling at two heart rates",
         "tissue Doppler (e')",
     ],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::MaterialTerm {
         how: "viscous fibre stress η_w dλ/dt, η_w = 9 η (V_ref + V_w/3)/ln(1 + V_w/V_ref) (kPa s, λ = 1 at V_ref)",
     },

@@ -2,7 +2,8 @@
 //! reflected waves.
 
 use super::declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, Parameter, Phase, Role, Sign,
+    Signal,
 };
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
@@ -76,7 +77,7 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["aortic_stenosis", "dyssynchrony"],
     separated_by: &["aortic pressure trace", "aortic flow trace by flow MRI"],
-    prior_odds: 1.0,
+    prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: Some(
         "the shape of the activation absorbs what it leaves in pressure and volume of the ventricle; an aortic pressure or \
