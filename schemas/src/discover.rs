@@ -76,6 +76,31 @@ pub struct BiomarkerGap {
     pub after: Option<f64>,
 }
 
+/// An index of the patient's heart or vessels in the fitted models, as a physician reads it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct IndexChange {
+    /// Name with unit, such as `filling_pressure_mmHg`.
+    pub name: String,
+    /// Value of the base model.
+    pub before: f64,
+    /// Value with the accepted effects.
+    pub after: f64,
+}
+
+impl IndexChange {
+    /// Size of the change, as a share of the larger of both values.
+    #[must_use]
+    pub fn relative(&self) -> f64 {
+        let scale = self.before.abs().max(self.after.abs());
+        if scale > 0.0 {
+            (self.after - self.before).abs() / scale
+        } else {
+            0.0
+        }
+    }
+}
+
 /// Periodic beat with the filling pressure that the patient file states.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -126,6 +151,9 @@ pub struct Discovered {
     pub findings: Findings,
     /// Biomarkers before and after the effects.
     pub biomarkers: Vec<BiomarkerGap>,
+    /// Indices before and after the effects.
+    #[serde(default)]
+    pub indices: Vec<IndexChange>,
     /// Periodic beat with the filling pressure of the patient file, if the file states one.
     pub stated_filling: Option<StatedFilling>,
     /// Fitted base values with the accepted effects.

@@ -12,7 +12,7 @@ use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Discovered};
 use cardiotwin_schemas::formats::DISCOVER_CASE;
 
 use crate::results::atomic;
-use crate::results::discovery::words;
+use crate::results::discovery::paragraph;
 
 /// Folder of a run of searches, inside the folder that is searched.
 pub const FOLDER: &str = "discover";
@@ -25,7 +25,7 @@ pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
     DiscoverCase {
         schema_version: DISCOVER_CASE.version,
         case: patient.to_owned(),
-        summary: words::summary(found),
+        summary: paragraph::summary(found),
         task: task.to_owned(),
         run: None,
         found: found.clone(),

@@ -125,11 +125,14 @@ impl Search<'_> {
         // If a competitor explains much, candidates are also tried beside it.
         let (kind, nameless) = wide.nameless();
         let mut beside: Vec<Option<Fit>> = vec![None; fits.len()];
+        let hopeful = self.hopeful(current, &fits);
         if let Some(with) = wide.with(kind).filter(|_| nameless > BARE_MENTION) {
             let problem = self.views.problem(self.forward, kind);
-            beside = scan(&problem, with, &self.worth_a_fit(&problem, with), fit);
+            let mut among = self.worth_a_fit(&problem, with);
+            among.retain(|term| hopeful.contains(term));
+            beside = scan(&problem, with, &among, fit);
         }
-        let list = self.short_list(&wide, &fits, &beside);
+        let list = short_list(&hopeful, &fits, &beside);
         let kinds: Vec<DiscrepancyTerm> = wide.fits.iter().map(|(kind, _)| *kind).collect();
         let with = (0..fits.len())
             .into_par_iter()
@@ -172,32 +175,20 @@ impl Search<'_> {
         list
     }
 
-    /// Best candidates without a competitor, and best candidates beside the best competitor.
-    fn short_list(
-        &self,
-        wide: &FitsByDiscrepancy,
-        fits: &[Option<Fit>],
-        beside: &[Option<Fit>],
-    ) -> Vec<usize> {
-        let mut list = Vec::new();
-        for found in [fits, beside] {
-            let mut order: Vec<(usize, f64)> = found
-                .iter()
-                .enumerate()
-                .filter_map(|(t, f)| Some((t, f.as_ref()?.neg2_log_evidence)))
-                .collect();
-            order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-            list.extend(order.into_iter().take(SHORT_LIST).map(|(t, _)| t));
-        }
-        list.retain(|t| {
-            fits[*t]
-                .as_ref()
-                .is_some_and(|f| wide.plain().neg2_log_evidence - f.neg2_log_evidence > 0.0)
-                || beside[*t].is_some()
-        });
-        list.sort_unstable();
-        list.dedup();
-        list
+    /// Candidates that may get a name by their evidence without a competitor. The others need no
+    /// fits with competitors.
+    fn hopeful(&self, current: &Fit, fits: &[Option<Fit>]) -> Vec<usize> {
+        let least = self.settings.search.least_evidence - BARE_MENTION;
+        let candidates = self.forward.candidates();
+        (fits.iter().enumerate())
+            .filter(|(term, found)| {
+                found.as_ref().is_some_and(|with| {
+                    let gain = current.neg2_log_evidence - with.neg2_log_evidence;
+                    gain + candidates[*term].log_prior >= least
+                })
+            })
+            .map(|(term, _)| term)
+            .collect()
     }
 
     /// Refits the structure from the base values of its best candidates and returns the better
@@ -339,4 +330,20 @@ impl Search<'_> {
             })
             .map(|(term, _)| term)
     }
+}
+
+/// Best candidates without a competitor, and best candidates beside the best competitor, among the
+/// hopeful ones.
+fn short_list(hopeful: &[usize], fits: &[Option<Fit>], beside: &[Option<Fit>]) -> Vec<usize> {
+    let mut list = Vec::new();
+    for found in [fits, beside] {
+        let mut order: Vec<(usize, f64)> = (hopeful.iter())
+            .filter_map(|t| Some((*t, found[*t].as_ref()?.neg2_log_evidence)))
+            .collect();
+        order.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+        list.extend(order.into_iter().take(SHORT_LIST).map(|(t, _)| t));
+    }
+    list.sort_unstable();
+    list.dedup();
+    list
 }

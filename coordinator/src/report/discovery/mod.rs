@@ -104,10 +104,11 @@ fn section(case: &DiscoverCase) -> Markup {
                 (tables::gaps(case))
                 (tables::places(case))
                 (tables::biomarkers(case))
+                (tables::indices(case))
             }
             (tables::lists(case))
             p.quiet {
-                "seed " (found.seed) " · an effect is named if its evidence exceeds " (format!("{:.1}", found.findings.threshold))
+                "seed " (found.seed) " · an effect is named if its evidence, prior odds included, exceeds " (format!("{:.1}", found.findings.threshold))
                 " · p = " (format!("{:.4}", found.findings.p_value)) " · " (found.n_evaluations) " parameter sets · data "
                 @for (role, hash) in &found.data { (role) " " code { (hash.chars().take(12).collect::<String>()) } " " }
             }
@@ -172,13 +173,14 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
 mod tests {
     use super::*;
     use crate::results::discovery::fixture::{kick, nothing, unexplained};
+    use crate::results::discovery::paragraph;
     use cardiotwin_schemas::discover::Discovered;
 
     fn case(id: &str, found: Discovered) -> DiscoverCase {
         DiscoverCase {
             schema_version: cardiotwin_schemas::formats::DISCOVER_CASE.version,
             case: id.into(),
-            summary: words::summary(&found),
+            summary: paragraph::summary(&found),
             task: "t".into(),
             run: None,
             found,

@@ -7,7 +7,7 @@ use crate::report::format::{fixed, significant, symbol};
 use crate::report::tables::scrolling;
 use crate::results::discovery::faults;
 use crate::results::discovery::pool::pool;
-use crate::results::discovery::words::{plain, strength};
+use crate::results::discovery::words::{plain, split_unit, strength};
 
 /// Number of candidates shown in the ranking.
 const SHOWN: usize = 8;
@@ -117,6 +117,26 @@ pub fn biomarkers(case: &DiscoverCase) -> Markup {
             th scope="row" { (symbol(&row.name)) }
             td.num { (value(Some(row.measured))) } td.num { (value(row.before)) } td.num { (value(row.after)) }
         } } }
+    } })
+}
+
+/// Table of indices of heart and vessels before and after; empty without accepted effects.
+#[must_use]
+pub fn indices(case: &DiscoverCase) -> Markup {
+    let rows = &case.found.indices;
+    if rows.is_empty() || case.found.findings.none {
+        return html! {};
+    }
+    scrolling(&html! { table {
+        caption { "Indices of the fitted heart" }
+        thead { tr { th { "" } th { "before" } th { "after" } } }
+        tbody { @for row in rows {
+            @let (label, unit) = split_unit(&row.name);
+            tr {
+                th scope="row" { (plain(label)) @if !unit.is_empty() { " (" (unit) ")" } }
+                td.num { (significant(row.before, 3)) } td.num { (significant(row.after, 3)) }
+            }
+        } }
     } })
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_schemas::discover::{
     BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, Findings, FoundModel,
-    GapAt, InThreeDimensions, PhaseBegin, Place, RankedEffect, SearchSettings, Side,
+    GapAt, InThreeDimensions, IndexChange, PhaseBegin, Place, RankedEffect, SearchSettings, Side,
     SimulatedCurves, StatedFilling, Unexplained,
 };
 use cardiotwin_schemas::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
@@ -166,6 +166,16 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
                 exponent: 9.0,
             },
         },
+        indices: [
+            ("filling_pressure_mmHg", 12.5, 8.5),
+            ("ejection_fraction", 0.56, 0.565),
+        ]
+        .map(|(name, before, after)| IndexChange {
+            name: name.to_owned(),
+            before,
+            after,
+        })
+        .into(),
         biomarkers: vec![BiomarkerGap {
             name: "EDV_mL".to_owned(),
             measured: 151.0,

@@ -4,5 +4,6 @@
 pub mod faults;
 #[cfg(test)]
 pub mod fixture;
+pub mod paragraph;
 pub mod pool;
 pub mod words;

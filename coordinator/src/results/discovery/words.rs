@@ -1,4 +1,4 @@
-//! Findings of a search in plain sentences.
+//! Names, values and places of a search's findings in words.
 
 use cardiotwin_schemas::discover::{Discovered, Place, RankedEffect, Side};
 
@@ -30,7 +30,7 @@ pub fn strength(effect: &RankedEffect) -> String {
 /// A parameter's name without its unit, and the unit in printed form.
 #[must_use]
 pub fn split_unit(name: &str) -> (&str, &'static str) {
-    const UNITS: [(&str, &str); 12] = [
+    const UNITS: [(&str, &str); 13] = [
         ("_mmHg_s2_per_mL2", "mmHg s²/mL²"),
         ("_mmHg_s2_per_mL", "mmHg s²/mL"),
         ("_mmHg_s_per_mL", "mmHg s/mL"),
@@ -40,6 +40,7 @@ pub fn split_unit(name: &str) -> (&str, &'static str) {
         ("_kPa", "kPa"),
         ("_ms", "ms"),
         ("_cm2", "cm²"),
+        ("_J", "J"),
         ("_Hz", "Hz"),
         ("_share", ""),
         ("_factor", ""),
@@ -100,116 +101,9 @@ pub fn worst(found: &Discovered, n: usize) -> Vec<&Place> {
     places
 }
 
-/// The whole finding in a paragraph.
-#[must_use]
-pub fn summary(found: &Discovered) -> String {
-    let mut text = match (
-        &found.findings.unexplained,
-        found.findings.accepted.as_slice(),
-    ) {
-        (Some(gap), []) => {
-            let lead = gap.depends_on.first().map_or(String::new(), |d| {
-                format!(
-                    "; of the remaining {}, {} explains most ({:.0} %)",
-                    d.signal,
-                    plain(&d.variable),
-                    100.0 * d.share
-                )
-            });
-            format!(
-                "Model and data disagree, but no effect of the catalogue explains the gap: \
-                 {}{lead}.",
-                place(&gap.place)
-            )
-        }
-        (_, []) => format!(
-            "Nothing is missing: the base model follows the data to {:.2} times the noise, and no candidate is better by more \
-             than chance (p = {:.3}).",
-            found.findings.gap_before, found.findings.p_value
-        ),
-        (_, names) => named(found, names),
-    };
-    if !found.findings.confusable.is_empty() {
-        let rivals: Vec<String> = found
-            .findings
-            .confusable
-            .iter()
-            .map(|name| plain(name))
-            .collect();
-        text.push_str(&format!(
-            " These data cannot distinguish it from {}",
-            rivals.join(", ")
-        ));
-        if found.findings.deciding_measurement.is_empty() {
-            text.push('.');
-        } else {
-            text.push_str(&format!(
-                "; these measurements would decide: {}.",
-                found.findings.deciding_measurement.join("; ")
-            ));
-        }
-    }
-    text
-}
-
-fn named(found: &Discovered, names: &[String]) -> String {
-    let effects = names.iter().filter_map(|name| {
-        found
-            .findings
-            .effects
-            .iter()
-            .find(|effect| effect.name == *name)
-    });
-    let told: Vec<String> = effects
-        .map(|effect| {
-            let sure = format!("probability {:.2}", effect.probability);
-            format!("{}: {}, {sure}", plain(&effect.name), strength(effect))
-        })
-        .collect();
-    let places: Vec<String> = worst(found, 2).into_iter().map(place).collect();
-    let held = match (
-        found.findings.gap_heldout_before,
-        found.findings.gap_heldout_after,
-    ) {
-        (Some(before), Some(after)) => {
-            format!(", and on held-out data from {before:.2} to {after:.2}")
-        }
-        _ => String::new(),
-    };
-    let correct = |name: &&String| {
-        found
-            .findings
-            .effects
-            .iter()
-            .any(|effect| effect.name == **name && effect.artefact)
-    };
-    let artefacts: Vec<String> = names
-        .iter()
-        .filter(correct)
-        .map(|name| plain(name))
-        .collect();
-    let remedy = if artefacts.is_empty() {
-        String::new()
-    } else {
-        format!(
-            " Correct this in the data, not in the heart: {}.",
-            artefacts.join(", ")
-        )
-    };
-    format!(
-        "The base model misses: {}. Without it, model and data differ most in {}. Adding it reduces \
-         the gap from {:.2} to {:.2} times the noise{held}.{remedy}",
-        told.join("; "),
-        places.join(" and in "),
-        found.findings.gap_before,
-        found.findings.gap_after,
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::discovery::fixture::{effect, finding, kick, nothing, unexplained};
 
     #[test]
     fn units_are_split_from_names() {
@@ -226,31 +120,6 @@ mod tests {
             ]
             .join(" "),
             "123 12.3 1.23 0.000 1.20e-3"
-        );
-    }
-
-    #[test]
-    fn each_kind_of_answer_is_said() {
-        let text = summary(&kick());
-        for part in [
-            "misses: atrial kick: amplitude 7.90 mmHg (6.25 to 9.50), probability 0.98",
-            "volume in atrial systole, data 6.00 mL above the model (z 3.1)",
-            "from 1.61 to 0.94 times the noise, and on held-out data from 1.72 to 1.10",
-            "cannot distinguish it from passive stiffening; these measurements would decide: atrial or wedge pressure.",
-        ] {
-            assert!(text.contains(part), "{part} is not in {text}");
-        }
-        let artefact = finding(vec![effect("pressure_offset", 30.0, true)], 1);
-        assert!(
-            summary(&artefact)
-                .contains("Correct this in the data, not in the heart: pressure offset.")
-        );
-        assert!(summary(&nothing()).starts_with("Nothing is missing"));
-        let text = summary(&unexplained());
-        assert!(
-            text.contains("no effect of the catalogue explains the gap")
-                && text.contains("aortic flow explains most (40 %)"),
-            "{text}"
         );
     }
 }

@@ -8,6 +8,7 @@ use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover as files;
 use cardiotwin_schemas::discover::{DiscoverSpec, Discovered};
 
+use super::indices::indices;
 use super::measured::Patient;
 use super::model;
 use crate::error::TaskError;
@@ -37,9 +38,11 @@ pub fn result(
         biomarkers(patient, before, after)?,
         model::accepted(reduced, &found)?,
     );
+    let indices = indices([before, after], [&found.base_before, &found.base]);
     Ok(Discovered {
         findings: found.findings,
         biomarkers,
+        indices,
         stated_filling,
         base: found.base,
         base_before: found.base_before,

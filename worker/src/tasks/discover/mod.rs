@@ -2,6 +2,7 @@
 //! answer in the schema's form.
 
 mod found;
+mod indices;
 mod measured;
 mod model;
 

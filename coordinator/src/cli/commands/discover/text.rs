@@ -52,8 +52,8 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     }
     text.push_str(&ranking.text());
     text.push_str(&format!(
-        "an effect is named if its evidence exceeds {:.1}; the best unnamed competitor has \
-         {:.1}\n\n",
+        "an effect is named if its evidence, prior odds included, exceeds {:.1}; the best unnamed \
+         competitor has {:.1}\n\n",
         found.findings.threshold, found.findings.nameless_evidence
     ));
     text.push_str(&places(case, talk));
