@@ -90,17 +90,22 @@ learn-discrepancies: ## learn how the base model of discover misses healthy hear
 
 # Seeds of patients that nobody looked at before the program that searches them was finished: each is looked at once.
 EVALUATION_SEED ?= 2026112702
-SETS := --nulls 40 --singles 64 --doubles 10 --off 6 --seed $(EVALUATION_SEED) --jobs $(JOBS)
+ONE_SEED := --seed $(EVALUATION_SEED) --jobs $(JOBS)
+HEARTS := --nulls 40 --singles 64 --doubles 10 $(ONE_SEED)
+IN_3D := --nulls 24 --singles 36 --seed $(EVALUATION_SEED)
+CLINIC := --measurements aortic_pressure,aortic_flow,mitral_flow,atrial_pressure,valve_times,qrs
+SETS := elastance sarcomeres finite-element elastance-clinic sarcomeres-clinic same
 evaluate-discover: ## search the made patients of docs/missing-effects.md and draw its pictures (hours; goes on where it stopped)
-	$(EXAMPLE) validation -- $(EVALUATION)/elastance $(SETS)
-	$(EXAMPLE) validation -- $(EVALUATION)/sarcomeres --model sarcomeres $(SETS)
-	$(EXAMPLE) validation -- $(EVALUATION)/same --model same --nulls 20 --singles 32 --seed $(EVALUATION_SEED) --jobs $(JOBS)
-	$(EXAMPLE) evaluate -- $(EVALUATION)/elastance --out $(EVALUATION)/elastance.jsonl --jobs $(JOBS)
-	$(EXAMPLE) evaluate -- $(EVALUATION)/sarcomeres --out $(EVALUATION)/sarcomeres.jsonl --jobs $(JOBS)
-	$(EXAMPLE) evaluate -- $(EVALUATION)/same --out $(EVALUATION)/same.jsonl --jobs $(JOBS)
-	$(EXAMPLE) figures -- docs/images "elastance=$(EVALUATION)/elastance=$(EVALUATION)/elastance.jsonl" \
-		"sarcomeres=$(EVALUATION)/sarcomeres=$(EVALUATION)/sarcomeres.jsonl" \
-		"the fitted model=$(EVALUATION)/same=$(EVALUATION)/same.jsonl"
+	mkdir -p $(EVALUATION)
+	$(CARGO) run --release --locked --quiet --package cardiotwin-worker --example finite-element-hearts -- $(EVALUATION)/finite-element.jsonl $(IN_3D) --jobs $(JOBS)
+	$(EXAMPLE) validation -- $(EVALUATION)/elastance $(HEARTS) --off 6
+	$(EXAMPLE) validation -- $(EVALUATION)/sarcomeres --model sarcomeres $(HEARTS)
+	$(EXAMPLE) validation -- $(EVALUATION)/finite-element --beats $(EVALUATION)/finite-element.jsonl $(IN_3D) --jobs $(JOBS)
+	$(EXAMPLE) validation -- $(EVALUATION)/elastance-clinic $(CLINIC) $(HEARTS)
+	$(EXAMPLE) validation -- $(EVALUATION)/sarcomeres-clinic $(CLINIC) --model sarcomeres $(HEARTS)
+	$(EXAMPLE) validation -- $(EVALUATION)/same --model same --nulls 20 --singles 32 $(ONE_SEED)
+	for set in $(SETS); do $(EXAMPLE) evaluate -- $(EVALUATION)/$$set --out $(EVALUATION)/$$set.jsonl --jobs $(JOBS) || exit 1; done
+	$(EXAMPLE) figures -- docs/images $(foreach set,$(SETS),"$(set)=$(EVALUATION)/$(set)=$(EVALUATION)/$(set).jsonl")
 
 # Of patients that nobody has looked at while choosing anything; 20261124 and 20261125 were looked at.
 SECOND_COHORT_SEED ?= 20261126
