@@ -35,6 +35,15 @@ fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
     if let Some(w) = &mut side.whole_heart {
         w.volume.value = beat.at(&beat.true_volume_ml, w.time_ms);
     }
+    for (which, time) in side.valve_times.all_mut().into_iter().enumerate() {
+        if let Some(time) = time {
+            time.value = beat.valve_times_ms?[which];
+        }
+    }
+    if let Some(qrs) = &mut side.qrs_ms {
+        qrs.value = beat.qrs_ms;
+    }
+    data.further = data.further.of_beat(&beat);
     Some(data)
 }
 

@@ -1,5 +1,6 @@
 //! Reads cases and labels from files.
 
+use cardiotwin_discover::further::Further;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_vocabulary::trace_noise::Noise;
 use std::collections::BTreeMap;
@@ -156,6 +157,7 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
             whole_heart: get(&["measured", "diastasis", "time_ms"])
                 .zip(volume("diastasis"))
                 .map(|(time_ms, volume)| WholeHeart { time_ms, volume }),
+            ..SideData::default()
         },
         wall_volume: Uncertain {
             value: wall,
@@ -173,6 +175,7 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
             ),
             compliance: given(&["afterload", "compliance_mL_per_mmHg"], 0.15),
         },
+        further: Further::default(),
     })
 }
 

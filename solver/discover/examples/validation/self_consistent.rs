@@ -93,6 +93,8 @@ fn beat(p: &Prediction, n: usize) -> (Beat, (Vec<f64>, Vec<f64>)) {
         atrial_pressure: Vec::new(),
         aortic_flow: each_ms(&p.aortic_flow_ml_per_s),
         mitral_flow: each_ms(&p.mitral_flow_ml_per_s),
+        aortic_opening: Vec::new(),
+        mitral_opening: Vec::new(),
         forward_ml: p.forward_stroke_volume_ml,
         drift: 0.0,
     };

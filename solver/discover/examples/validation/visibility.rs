@@ -4,6 +4,7 @@
 use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
 use cardiotwin_discover::forward::Forward;
+use cardiotwin_discover::further::Further;
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
@@ -46,6 +47,7 @@ fn side(side: &Side) -> SideData {
             time_ms: side.whole_heart_ms,
             volume: with(side.whole_heart.0, side.whole_heart.1),
         }),
+        ..SideData::default()
     }
 }
 
@@ -71,6 +73,7 @@ pub fn noise_free(case: &Case) -> Measured {
             sd: 0.05 * case.clean_side.wall_ml,
         },
         given: GivenLoads::default(),
+        further: Further::default(),
     }
 }
 

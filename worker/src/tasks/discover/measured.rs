@@ -1,6 +1,7 @@
 //! A patient's data in the form that the search takes. Data without a stated uncertainty get a
 //! usual one.
 
+use cardiotwin_discover::further::Further;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover::DiscoverSpec;
@@ -95,9 +96,11 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
                 time_ms: image.time_ms,
                 volume: uncertain(image.volume_ml, image.sd_ml, IMAGE_SD * image.volume_ml),
             }),
+            ..SideData::default()
         },
         wall_volume,
         given: given_loads(spec),
+        further: Further::default(),
     };
     data.validate()
         .map_err(|error| TaskError::Discover(error.into()))?;

@@ -10,10 +10,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
-use cardiotwin_discover::forward::{Candidate, Forward, Prediction, Request};
+use cardiotwin_discover::forward::{Candidate, Forward, Orbits, Prediction, Request};
 use cardiotwin_discover::parameter::Parameter;
 use cardiotwin_discover::{Reduced, Settings, discover};
-use cardiotwin_models::periodic::Orbit;
 use cardiotwin_schemas::discover::{DiscoverSpec, SearchSettings};
 use cardiotwin_schemas::outcome::TaskResult;
 
@@ -96,7 +95,7 @@ impl Forward for Watched {
         self.model.candidates()
     }
 
-    fn predict(&self, request: &Request<'_>, warm: Option<&Orbit>) -> Option<Prediction> {
+    fn predict(&self, request: &Request<'_>, warm: Option<&Orbits>) -> Option<Prediction> {
         if self.stop.is_raised() {
             return None;
         }
