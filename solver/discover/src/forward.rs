@@ -62,7 +62,7 @@ impl LoadedPrediction {
     pub fn sampled(&self, trace: &[f64], time_ms: &[f64]) -> Vec<f64> {
         time_ms
             .iter()
-            .map(|t| at(trace, self.step_ms, *t))
+            .map(|t| trace_at(trace, self.step_ms, *t))
             .collect()
     }
 }
@@ -77,7 +77,8 @@ pub struct Orbits {
 }
 
 /// A periodic trace at any time: linear between samples.
-pub(crate) fn at(trace: &[f64], step_ms: f64, time_ms: f64) -> f64 {
+#[must_use]
+pub fn trace_at(trace: &[f64], step_ms: f64, time_ms: f64) -> f64 {
     let n = trace.len();
     let x = (time_ms / step_ms).rem_euclid(n as f64);
     let i = (x as usize).min(n - 1);
@@ -95,7 +96,7 @@ impl Prediction {
     /// A trace of this beat at any time: linear between samples, periodic.
     #[must_use]
     pub fn at(&self, trace: &[f64], time_ms: f64) -> f64 {
-        at(trace, self.step_ms, time_ms)
+        trace_at(trace, self.step_ms, time_ms)
     }
 
     /// Trace of a further quantity.

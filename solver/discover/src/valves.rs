@@ -1,6 +1,6 @@
 //! Times at which the valves of a predicted beat open and close.
 
-use crate::forward::at;
+use crate::forward::trace_at;
 
 /// Flow above which a valve is open \[mL/s\]: far below any flow of a beat, and above what a closed
 /// valve of the model lets through.
@@ -62,7 +62,7 @@ pub fn reservoir(mitral: &[f64], step_ms: f64, compliance: f64) -> Vec<f64> {
     let mut trace: Vec<f64> = (0..mitral.len())
         .map(|i| {
             let now = volume / compliance;
-            let next = at(mitral, 1.0, i as f64 + 1.0);
+            let next = trace_at(mitral, 1.0, i as f64 + 1.0);
             volume += (mean - 0.5 * (mitral[i] + next)) * step_ms * 1e-3;
             now
         })

@@ -196,6 +196,27 @@ impl PlannedCase {
     }
 }
 
+impl Beat {
+    /// A quantity each millisecond, without errors of measurement; empty for a kind that is no trace.
+    ///
+    /// - `wall_ml`: volume of the wall
+    #[must_use]
+    pub fn of(&self, kind: Measurement, wall_ml: f64) -> Vec<f64> {
+        // The wall's middle is a sphere around cavity and half of the wall.
+        let middle = |volume: &f64| (volume + 0.5 * wall_ml).cbrt();
+        match kind {
+            Measurement::AorticPressure => self.aortic_pressure.clone(),
+            Measurement::AtrialPressure => self.atrial_pressure.clone(),
+            Measurement::AorticFlow => self.aortic_flow.clone(),
+            Measurement::MitralFlow => self.mitral_flow.clone(),
+            Measurement::Strain => (self.volume.iter())
+                .map(|v| 100.0 * (middle(v) / middle(&self.volume[0]) - 1.0))
+                .collect(),
+            Measurement::ValveTimes | Measurement::Qrs | Measurement::Loaded => Vec::new(),
+        }
+    }
+}
+
 /// Noise of a process with the given correlation from sample to sample.
 fn coloured(n: usize, rms: f64, rho: f64, random: &mut Random) -> Vec<f64> {
     let mut state = random.normal();
@@ -217,17 +238,13 @@ fn trace(
     random: &mut Random,
 ) -> FurtherTrace {
     let cycle = case.cycle_ms;
-    // The wall's middle is a sphere around cavity and half of the wall.
-    let middle = |volume: &f64| (volume + 0.5 * case.clean_side.wall_ml).cbrt();
-    let strain: Vec<f64> = (beat.volume.iter())
-        .map(|v| 100.0 * (middle(v) / middle(&beat.volume[0]) - 1.0))
-        .collect();
-    let (source, usual_rms, factor_sd, offset_sd, frames) = match kind {
-        Measurement::AorticPressure => (&beat.aortic_pressure, 1.2, 0.0, 1.0, None),
-        Measurement::AtrialPressure => (&beat.atrial_pressure, 0.8, 0.0, 1.0, None),
-        Measurement::AorticFlow => (&beat.aortic_flow, 12.0, 0.04, 0.0, Some((28.0, 40.0))),
-        Measurement::MitralFlow => (&beat.mitral_flow, 15.0, 0.04, 0.0, Some((28.0, 40.0))),
-        _ => (&strain, 0.7, 0.15, 0.0, Some((40.0, 60.0))),
+    let source = beat.of(kind, case.clean_side.wall_ml);
+    let (usual_rms, factor_sd, offset_sd, frames) = match kind {
+        Measurement::AorticPressure => (1.2, 0.0, 1.0, None),
+        Measurement::AtrialPressure => (0.8, 0.0, 1.0, None),
+        Measurement::AorticFlow => (12.0, 0.04, 0.0, Some((28.0, 40.0))),
+        Measurement::MitralFlow => (15.0, 0.04, 0.0, Some((28.0, 40.0))),
+        _ => (0.7, 0.15, 0.0, Some((40.0, 60.0))),
     };
     let rms = usual_rms * noise;
     let factor = 1.0 + factor_sd * random.normal();
@@ -241,7 +258,7 @@ fn trace(
     let time_ms: Vec<f64> = (0..n).map(|k| k as f64 * step).collect();
     let errors = coloured(n, rms, (-step / correlation_ms).exp(), random);
     let value = (time_ms.iter().zip(errors))
-        .map(|(t, error)| factor * at(source, *t) + offset + error)
+        .map(|(t, error)| factor * at(&source, *t) + offset + error)
         .collect();
     let mut off = |value: f64| value * (0.1 * random.normal()).exp();
     FurtherTrace {
