@@ -6,7 +6,7 @@ use crate::forward::{Candidate, Forward, LoadedPrediction, Orbits, Prediction, R
 use crate::further::Quantity;
 use crate::measured::{Measured, Uncertain};
 use crate::parameter::Parameter;
-use crate::valves::{reservoir, valve_times};
+use crate::valves::{Traces, reservoir, valve_times};
 use cardiotwin_models::circulation::windkessel::WindkesselParameters;
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::effects::{
@@ -187,12 +187,13 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
     ]
 }
 
-/// Priors of what only further measurements need: the compliance of the atrium, and filling pressure
-/// and peripheral resistance of each beat under changed load, as factors of those of the steady beat.
+/// Priors of what only further measurements need: the compliance of the atrium, and filling pressure,
+/// peripheral resistance and peak stress of each beat under changed load, as factors of those of the
+/// steady beat.
 ///
-/// The filling pressure is free within a factor of some four. Reflexes change the resistance by a fifth
-/// or so within some beats (Burkhoff, Mirsky and Suga 2005, Am J Physiol 289:H501, ask for the first
-/// beats of an occlusion for that reason).
+/// The filling pressure is free within a factor of some four. Reflexes change resistance and
+/// contractility within some beats (Burkhoff, Mirsky and Suga 2005, Am J Physiol 289:H501, ask for the
+/// first beats of an occlusion for that reason): by a fifth and by a tenth here.
 fn further_priors(m: &Measured) -> Vec<Parameter> {
     let mut list = Vec::new();
     if m.further.has(Quantity::AtrialPressure) {
@@ -204,6 +205,8 @@ fn further_priors(m: &Measured) -> Vec<Parameter> {
         let resistance = format!("load_{k}_peripheral_resistance_factor");
         list.push(log(&filling, (0.1, 5.0), 1.0, 0.7));
         list.push(log(&resistance, (0.4, 2.5), 1.0, 0.2));
+        let stress = format!("load_{k}_peak_stress_factor");
+        list.push(log(&stress, (0.6, 1.7), 1.0, 0.1));
     }
     list
 }
@@ -458,11 +461,12 @@ impl Reduced {
     /// Base values with the filling pressure and the peripheral resistance of a beat under changed
     /// load; `None` without its factors.
     fn under_load(&self, base: &[f64], k: usize) -> Option<Vec<f64>> {
-        let first = BASE.len() + usize::from(self.atrium) + 2 * k;
-        let [filling, resistance] = *base.get(first..)?.first_chunk()?;
+        let first = BASE.len() + usize::from(self.atrium) + 3 * k;
+        let [filling, resistance, stress] = *base.get(first..)?.first_chunk()?;
         let mut base = base[..BASE.len()].to_vec();
         base[0] *= filling;
         base[7] *= resistance;
+        base[11] *= stress;
         Some(base)
     }
 
@@ -484,17 +488,19 @@ impl Reduced {
         let shell = |volume: &f64| (volume + x[5] / 3.0).cbrt();
         let at_start = beat.heart.volume_ml.first().map_or(1.0, shell);
         let strain = (beat.heart.volume_ml.iter()).map(|v| 100.0 * (shell(v) / at_start - 1.0));
+        let valves = Traces {
+            aortic: &beat.aortic_flow_ml_per_s,
+            mitral: &beat.mitral_flow_ml_per_s,
+            ventricle: &beat.heart.pressure_mmhg,
+            atrium: &beat.atrial_pressure_mmhg,
+        };
         Prediction {
             step_ms,
             pressure_mmhg: measured.pressure_mmhg,
             volume_ml: measured.volume_ml,
             atrial_pressure_mmhg: filled.collect(),
             strain_percent: strain.collect(),
-            valve_times_ms: valve_times(
-                &beat.aortic_flow_ml_per_s,
-                &beat.mitral_flow_ml_per_s,
-                step_ms,
-            ),
+            valve_times_ms: valve_times(valves, step_ms),
             qrs_ms: NORMAL_QRS_MS + self.late_ms(request),
             loaded: Vec::new(),
             true_volume_ml: beat.heart.volume_ml,

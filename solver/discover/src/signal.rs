@@ -14,7 +14,7 @@ pub struct Signal {
     /// Rows of the inverse of the covariance's lower Cholesky factor, packed.
     whitening: Vec<f64>,
     /// Covariance of the data without the common factor.
-    covariance: DMatrix<f64>,
+    pub(crate) covariance: DMatrix<f64>,
     /// Logarithm of the determinant of the covariance without the common factor.
     pub log_determinant: f64,
     /// Standard deviation of a factor common to all data, whose mean is one.

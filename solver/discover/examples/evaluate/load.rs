@@ -129,6 +129,21 @@ fn further(folder: &Path, patient: &Value, cycle_ms: f64) -> Result<Further, Str
     Ok(further)
 }
 
+/// Leaves out all further measurements but some: quantities of traces, `valve_times`, `qrs`, `loaded`.
+pub fn keep(measured: &mut Measured, names: &[String]) {
+    let kept = |name: &str| names.iter().any(|n| n == name);
+    (measured.further.traces).retain(|trace| kept(trace.quantity.name()));
+    if !kept("valve_times") {
+        measured.side.valve_times = ValveTimes::default();
+    }
+    if !kept("qrs") {
+        measured.side.qrs_ms = None;
+    }
+    if !kept("loaded") {
+        measured.further.loaded.clear();
+    }
+}
+
 /// Reads one patient's folder. If the file states the number of frames from which the volume was
 /// interpolated, the same number of samples is taken.
 pub fn measured(folder: &Path) -> Result<Measured, String> {

@@ -20,7 +20,7 @@ mod source;
 mod visibility;
 
 use cardiotwin_discover::Reduced;
-use cardiotwin_discover::further::{FurtherTrace, Quantity, ValveTimes};
+use cardiotwin_discover::further::{FurtherTrace, LoadedBeat, Quantity, ValveTimes};
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::Uncertain;
 use cardiotwin_discover::noise::ModelDiscrepancy;
@@ -48,11 +48,14 @@ struct Missed {
     traces: Vec<Vec<f64>>,
     valves: [f64; 4],
     spread_ms: f64,
+    /// Residuals of pressure and volume under a lower load.
+    loaded: [Vec<f64>; 2],
 }
 
 fn missed(planned: &PlannedCase) -> Option<Missed> {
     let case = planned.make()?;
-    let beat = planned.beats(&case, &[])?.steady;
+    let beats = planned.beats(&case, &[Measurement::Loaded])?;
+    let (beat, lower) = (beats.steady, beats.lower?);
     let mut measured = visibility::noise_free(&case);
     let cycle = measured.cycle_ms;
     let true_times = valve_times(&beat)?;
@@ -82,6 +85,14 @@ fn missed(planned: &PlannedCase) -> Option<Missed> {
         mitral_opening: time(2),
         mitral_closure: time(3),
     };
+    let of_frame = |t: &f64| lower.volume[(*t as usize).min(lower.volume.len() - 1)];
+    measured.further.loaded.push(LoadedBeat {
+        cycle_ms: cycle,
+        pressure_time_ms: measured.pressure_time_ms.clone(),
+        pressure_mmhg: lower.pressure.clone(),
+        frame_time_ms: measured.frame_time_ms.clone(),
+        frame_volume_ml: measured.frame_time_ms.iter().map(of_frame).collect(),
+    });
     let forward = Reduced::new(&measured);
     let data = Data::new(measured, &ModelDiscrepancy::default(), None);
     let problem = Problem {
@@ -102,6 +113,14 @@ fn missed(planned: &PlannedCase) -> Option<Missed> {
             .collect(),
         valves,
         spread_ms: values[17],
+        loaded: {
+            let loaded = &data.further.loaded[0];
+            let [pressure, volume] = loaded.models(&fitted, 0);
+            [
+                loaded.pressure.residual(&pressure),
+                loaded.volume.residual(&volume),
+            ]
+        },
     })
 }
 
@@ -173,6 +192,12 @@ fn main() -> Result<(), String> {
         for (which, valve) in ValveTimes::NAMES.iter().enumerate() {
             let errors: Vec<f64> = found.iter().map(|f| f.valves[which]).collect();
             println!("  {valve:16} {:+.1} ± {:.1} ms", mean(&errors), sd(&errors));
+        }
+        for (which, signal) in ["pressure, mmHg", "volume, mL"].iter().enumerate() {
+            let rms =
+                |f: &Missed| mean(&f.loaded[which].iter().map(|r| r * r).collect::<Vec<f64>>());
+            let squares: Vec<f64> = found.iter().map(rms).collect();
+            println!("  lower load, {signal}: rms {:.2}", mean(&squares).sqrt());
         }
         let spreads: Vec<f64> = found.iter().map(|f| f.spread_ms).collect();
         println!(

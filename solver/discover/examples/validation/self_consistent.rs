@@ -102,7 +102,7 @@ pub fn beats(planned: &PlannedCase, case: &Case, wanted: &[Measurement]) -> Opti
             frame_time_ms: Vec::new(),
             frame_volume_ml: Vec::new(),
         });
-        base.extend([LOWER.0, 1.0]);
+        base.extend([LOWER.0, 1.0, 1.0]);
     }
     let predicted = drawn.predict(&Reduced::new(&template), &base)?;
     let n = template.cycle_ms as usize;

@@ -2,6 +2,7 @@
 //! answer in the schema's form.
 
 mod found;
+mod further;
 mod measured;
 mod model;
 
@@ -137,6 +138,10 @@ mod tests {
             aortic_pressure: file.measured.aortic_pressure,
             forward_stroke_volume: file.measured.forward_stroke_volume,
             diastasis: file.measured.diastasis,
+            traces: Vec::new(),
+            valve_times: None,
+            qrs: None,
+            loaded: Vec::new(),
             wall_volume_ml: file.anatomy.wall_volume_ml,
             left_atrial_pressure_mmhg: Some(8.0),
             afterload: None,
