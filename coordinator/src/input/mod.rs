@@ -12,6 +12,7 @@ mod complaint;
 mod data;
 mod document;
 mod external;
+mod further;
 mod hashed;
 mod layers;
 mod mesh;

@@ -3,7 +3,7 @@
 //! Each has its own stated noise, and a smooth error of the model. The errors that were learnt on
 //! healthy hearts belong to pressure and volume of the steady beat, and are not used here.
 
-use crate::forward::Prediction;
+use crate::forward::{LoadedPrediction, Prediction};
 use crate::further::{FurtherTrace, LoadedBeat, Quantity};
 use crate::measured::Measured;
 use crate::noise::{
@@ -173,13 +173,9 @@ impl Loaded {
         }
     }
 
-    /// Pressure and volume of the predicted beat at the times of the data.
-    ///
-    /// # Panics
-    /// If the prediction has no such beat.
+    /// Pressure and volume of a predicted beat at the times of the data.
     #[must_use]
-    pub fn models(&self, beat: &Prediction, idx: usize) -> [Vec<f64>; 2] {
-        let beat = &beat.loaded[idx];
+    pub fn models(&self, beat: &LoadedPrediction) -> [Vec<f64>; 2] {
         [
             beat.sampled(&beat.pressure_mmhg, &self.pressure.time_ms),
             beat.sampled(&beat.volume_ml, &self.volume.time_ms),
@@ -238,6 +234,9 @@ impl FurtherData {
     }
 
     /// White residuals of a beat, data minus model.
+    ///
+    /// # Panics
+    /// If the prediction lacks a beat under changed load.
     #[must_use]
     pub fn white(&self, beat: &Prediction) -> WhiteWithFactor {
         let mut white = WhiteWithFactor::default();
@@ -245,7 +244,7 @@ impl FurtherData {
             white.add(&channel.signal, &channel.model(beat));
         }
         for (idx, loaded) in self.loaded.iter().enumerate() {
-            let [pressure, volume] = loaded.models(beat, idx);
+            let [pressure, volume] = loaded.models(&beat.loaded[idx]);
             white.add(&loaded.pressure, &pressure);
             white.add(&loaded.volume, &volume);
         }
@@ -253,6 +252,9 @@ impl FurtherData {
     }
 
     /// The same measurements of a beat without noise.
+    ///
+    /// # Panics
+    /// If the prediction lacks a beat under changed load.
     #[must_use]
     pub fn of_beat(&self, beat: &Prediction) -> Self {
         let channel = |channel: &Channel| Channel {
@@ -260,7 +262,7 @@ impl FurtherData {
             signal: channel.signal.with_values(channel.model(beat)),
         };
         let loaded = |(idx, loaded): (usize, &Loaded)| {
-            let [pressure, volume] = loaded.models(beat, idx);
+            let [pressure, volume] = loaded.models(&beat.loaded[idx]);
             Loaded {
                 pressure: loaded.pressure.with_values(pressure),
                 volume: loaded.volume.with_values(volume),

@@ -2,6 +2,7 @@
 //! width of QRS, and beats under changed load.
 
 use crate::measured::{MeasuredError, Uncertain, positive};
+use cardiotwin_vocabulary::measurements::Measurement;
 use serde::{Deserialize, Serialize};
 
 /// Quantity of a further trace.
@@ -41,6 +42,28 @@ impl Quantity {
             Self::MitralFlow => "mitral_flow",
             Self::AtrialPressure => "atrial_pressure",
             Self::Strain => "strain",
+        }
+    }
+
+    /// Rms of the noise of a trace without a stated one, in the unit of the quantity: a catheter with
+    /// fluid, flow MRI of one heart beat in a frame, speckle tracking of one segment.
+    #[must_use]
+    pub fn usual_rms(self) -> f64 {
+        match self {
+            Self::AorticPressure | Self::AtrialPressure | Self::Strain => 1.0,
+            Self::AorticFlow | Self::MitralFlow => 15.0,
+        }
+    }
+
+    /// The quantity as a measurement that is suggested.
+    #[must_use]
+    pub fn measurement(self) -> Measurement {
+        match self {
+            Self::AorticPressure => Measurement::AorticPressure,
+            Self::AorticFlow => Measurement::AorticFlow,
+            Self::MitralFlow => Measurement::MitralFlow,
+            Self::AtrialPressure => Measurement::AtrialPressure,
+            Self::Strain => Measurement::Strain,
         }
     }
 

@@ -8,6 +8,7 @@ pub mod calibration;
 pub mod channel;
 pub mod confusion;
 pub mod decide;
+pub mod deciding;
 pub mod discrepancy;
 pub mod fit;
 pub mod forward;

@@ -31,17 +31,6 @@ use cardiotwin_validation::further::valve_times;
 use cardiotwin_validation::{Hearts, Measurement, Plan, PlannedCase};
 use rayon::prelude::*;
 
-/// Rms of the noise that each quantity is fitted with, in its unit, as in `solver/validation`.
-fn usual_rms(quantity: Quantity) -> (Measurement, f64) {
-    match quantity {
-        Quantity::AorticPressure => (Measurement::AorticPressure, 1.2),
-        Quantity::AorticFlow => (Measurement::AorticFlow, 12.0),
-        Quantity::MitralFlow => (Measurement::MitralFlow, 15.0),
-        Quantity::AtrialPressure => (Measurement::AtrialPressure, 0.8),
-        Quantity::Strain => (Measurement::Strain, 0.7),
-    }
-}
-
 /// Errors of one heart: residuals of each quantity every 4 ms, of the times of the valves, and the
 /// spread of activation.
 struct Missed {
@@ -60,12 +49,12 @@ fn missed(planned: &PlannedCase) -> Option<Missed> {
     let cycle = measured.cycle_ms;
     let true_times = valve_times(&beat)?;
     for quantity in Quantity::ALL {
-        let (kind, rms) = usual_rms(quantity);
+        let kind = Measurement::named(quantity.name())?;
         measured.further.traces.push(FurtherTrace {
             quantity,
             time_ms: measured.pressure_time_ms.clone(),
             value: beat.of(kind, case.clean_side.wall_ml),
-            rms,
+            rms: quantity.usual_rms(),
             correlation_ms: 10.0,
             delay: Uncertain {
                 value: 0.0,
@@ -115,7 +104,7 @@ fn missed(planned: &PlannedCase) -> Option<Missed> {
         spread_ms: values[17],
         loaded: {
             let loaded = &data.further.loaded[0];
-            let [pressure, volume] = loaded.models(&fitted, 0);
+            let [pressure, volume] = loaded.models(&fitted.loaded[0]);
             [
                 loaded.pressure.residual(&pressure),
                 loaded.volume.residual(&volume),

@@ -19,6 +19,7 @@ mod folder;
 mod load;
 mod self_consistent;
 mod source;
+#[allow(dead_code)]
 mod visibility;
 
 use cardiotwin_validation::{Hearts, Measurement, Plan, PlannedCase};

@@ -5,6 +5,7 @@ use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the pressure offset.
 pub const EFFECT: Effect = Effect {
@@ -43,9 +44,9 @@ pub const EFFECT: Effect = Effect {
         "passive_stiffening",
     ],
     separated_by: &[
-        "cuff pressure",
+        Measurement::AtrialPressure.words(),
+        Measurement::Cuff.words(),
         "zero of the transducer before and after",
-        "atrial or wedge pressure",
     ],
     prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,

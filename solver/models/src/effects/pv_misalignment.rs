@@ -5,6 +5,7 @@ use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the pressure-volume misalignment.
 pub const EFFECT: Effect = Effect {
@@ -49,8 +50,9 @@ pub const EFFECT: Effect = Effect {
         "atrial_kick",
     ],
     separated_by: &[
+        Measurement::ValveTimes.words(),
+        Measurement::Strain.words(),
         "electrocardiogram recorded with both traces",
-        "pressure and volume from one conductance catheter",
     ],
     prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,

@@ -5,6 +5,7 @@ use super::declaration::{
     Action, Effect, InThreeDimensions, Kind, Mark, Parameter, Phase, Role, Sign, Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the volume scaling.
 pub const EFFECT: Effect = Effect {
@@ -39,8 +40,9 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["mitral_regurgitation", "ventricular_septal_defect"],
     separated_by: &[
-        "forward stroke volume by flow MRI",
-        "volume of a whole-heart image",
+        Measurement::ForwardStrokeVolume.words(),
+        Measurement::WholeHeartVolume.words(),
+        Measurement::AorticFlow.words(),
     ],
     prior_odds: 1.0,
     in_3d: InThreeDimensions::AsItIs,

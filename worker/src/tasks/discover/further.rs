@@ -21,14 +21,14 @@ const QRS_SD_MS: f64 = 4.0;
 /// Standard deviation of the delay of a wedge pressure \[ms\], whose delays are 100 to 150 ms.
 const WEDGE_DELAY_SD_MS: f64 = 15.0;
 
-/// Quantity of the search, column of the file, and usual rms of the noise in the quantity's unit.
-fn quantity(of: FurtherQuantity) -> (Quantity, Column, f64) {
+/// Quantity of the search and column of the file.
+fn quantity(of: FurtherQuantity) -> (Quantity, Column) {
     match of {
-        FurtherQuantity::AorticPressure => (Quantity::AorticPressure, Column::Pressure, 1.0),
-        FurtherQuantity::AorticFlow => (Quantity::AorticFlow, Column::Flow, 15.0),
-        FurtherQuantity::MitralFlow => (Quantity::MitralFlow, Column::Flow, 15.0),
-        FurtherQuantity::AtrialPressure => (Quantity::AtrialPressure, Column::Pressure, 1.0),
-        FurtherQuantity::Strain => (Quantity::Strain, Column::Strain, 1.0),
+        FurtherQuantity::AorticPressure => (Quantity::AorticPressure, Column::Pressure),
+        FurtherQuantity::AorticFlow => (Quantity::AorticFlow, Column::Flow),
+        FurtherQuantity::MitralFlow => (Quantity::MitralFlow, Column::Flow),
+        FurtherQuantity::AtrialPressure => (Quantity::AtrialPressure, Column::Pressure),
+        FurtherQuantity::Strain => (Quantity::Strain, Column::Strain),
     }
 }
 
@@ -46,16 +46,20 @@ pub fn read(spec: &DiscoverSpec) -> Result<Further, TaskError> {
 }
 
 fn further_trace(stated: &FurtherTraceSpec, cycle_ms: f64) -> Result<FurtherTrace, TaskError> {
-    let (quantity, column, usual_rms) = quantity(stated.quantity);
+    let (quantity, column) = quantity(stated.quantity);
     let trace = within_cycle(read_trace(&stated.file, column)?, cycle_ms)?;
     let positive = |value: Option<f64>| value.filter(|value| *value > 0.0);
     let delay_ms = stated.delay_ms.unwrap_or(0.0);
-    let usual_delay_sd = if delay_ms > 0.0 { WEDGE_DELAY_SD_MS } else { 0.0 };
+    let usual_delay_sd = if delay_ms > 0.0 {
+        WEDGE_DELAY_SD_MS
+    } else {
+        0.0
+    };
     Ok(FurtherTrace {
         quantity,
         time_ms: trace.time_ms().to_vec(),
         value: trace.values().to_vec(),
-        rms: positive(stated.rms).unwrap_or(usual_rms),
+        rms: positive(stated.rms).unwrap_or(quantity.usual_rms()),
         correlation_ms: positive(stated.correlation_ms).unwrap_or(CORRELATION_MS),
         delay: Uncertain {
             value: delay_ms,
