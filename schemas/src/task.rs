@@ -81,7 +81,7 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::PassiveState(_) => 8,
-            Self::Discover(_) => 6,
+            Self::Discover(_) => 7,
             Self::Step1Proposal(_) => 6,
             Self::CellFit(_) | Self::OrganBeat(_) => 6,
             Self::Step3Proposal(_) => 5,

@@ -13,6 +13,8 @@ mod data;
 mod document;
 mod external;
 mod further;
+#[cfg(test)]
+mod further_tests;
 mod hashed;
 mod layers;
 mod mesh;

@@ -3,14 +3,14 @@
 //!
 //! ```text
 //! deciding [--model other|sarcomeres|same] [--singles N] [--nulls N] [--seed N] [--jobs N] [--steps N]
-//!     [--skip N]
+//!     [--skip N] [--make NAME,NAME]
 //! ```
 //!
 //! A case is ambiguous where the answer names rivals that cannot be told apart, where it is wrong, or
 //! where no name is given although an effect is there. For these the first suggestion of
 //! `deciding_measurement` is made; where nothing is suspected, the first measurement that the catalogue
 //! names for the true effect, which a clinic would make for another reason. Up to `--steps` measurements
-//! are made one after the other (one without it). A case is decided if the right name stands alone:
+//! are made one after the other (one without it). `--make` makes these, whatever is suggested. A case is decided if the right name stands alone:
 //! accepted as the only effect, without rivals.
 
 #[path = "../validation/self_consistent.rs"]
@@ -102,7 +102,7 @@ fn fate(
     source: &Source,
     planned: &PlannedCase,
     settings: &Settings,
-    n_steps: usize,
+    (n_steps, wanted): (usize, &[Measurement]),
 ) -> Option<Fate> {
     let case = source.make(planned)?;
     let truth = planned.effects.first().map(|(name, _)| *name);
@@ -129,12 +129,14 @@ fn fate(
                 .find(|c| Some(c.name.as_str()) == truth)?;
             next(&candidate.separated_by, &made)
         };
-        let wanted = if suspected {
+        let kind = if let Some(kind) = wanted.iter().find(|kind| !made.contains(kind)) {
+            Some(*kind)
+        } else if suspected {
             next(&found.findings.deciding_measurement, &made)
         } else {
             by_catalogue()
         };
-        let Some(kind) = wanted else { break };
+        let Some(kind) = kind else { break };
         made.push(kind);
         found = search(&data(source, planned, &case, &made)?, settings)?;
         history += &format!(" --{}--> {}", kind.name(), describe(&found));
@@ -161,10 +163,11 @@ fn fate(
 }
 
 fn main() -> Result<(), String> {
-    let usage = "usage: deciding [--model other|sarcomeres|same] [--singles N] [--nulls N] [--seed N] [--jobs N] [--steps N] [--skip N]";
+    let usage = "usage: deciding [--model other|sarcomeres|same] [--singles N] [--nulls N] [--seed N] [--jobs N] [--steps N] [--skip N] [--make NAME,NAME]";
     let mut source = Source::Loop(Hearts::Elastance);
     let (mut n_singles, mut n_nulls, mut seed, mut jobs) = (16usize, 0usize, 901u64, 2usize);
     let (mut n_steps, mut skip) = (1usize, 0usize);
+    let mut wanted: Vec<Measurement> = Vec::new();
     let mut all = std::env::args().skip(1);
     while let Some(flag) = all.next() {
         let value = all.next().ok_or(format!("{flag} needs a value"))?;
@@ -175,6 +178,13 @@ fn main() -> Result<(), String> {
                 "same" => Source::Fitted,
                 _ => return Err(usage.to_owned()),
             };
+            continue;
+        }
+        if flag == "--make" {
+            let kinds = value.split(',').map(Measurement::named);
+            wanted = kinds
+                .collect::<Option<_>>()
+                .ok_or(format!("--make {value}"))?;
             continue;
         }
         let number: usize = value.parse().map_err(|e| format!("{flag} {value}: {e}"))?;
@@ -197,7 +207,7 @@ fn main() -> Result<(), String> {
     planned.extend(Plan::Nulls.cases(n_nulls, seed, hearts));
     let settings = Settings::default();
     let fates: Vec<Fate> = (planned.par_iter())
-        .filter_map(|planned| fate(&source, planned, &settings, n_steps))
+        .filter_map(|planned| fate(&source, planned, &settings, (n_steps, &wanted)))
         .collect();
     let count = |wanted: fn(&Fate) -> bool| fates.iter().filter(|fate| wanted(fate)).count();
     let decided = count(|f| matches!(f, Fate::Suspected(true)));
