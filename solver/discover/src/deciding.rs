@@ -12,7 +12,7 @@ use crate::forward::{LoadedPrediction, Prediction};
 use crate::further::{FurtherTrace, LoadedBeat, Quantity};
 use crate::measured::Uncertain;
 use crate::problem::Problem;
-use crate::stage::{Search, SearchStage};
+use crate::stage::{BARE_MENTION, Search, SearchStage};
 use crate::valves::cyclic;
 use cardiotwin_vocabulary::measurements::Measurement;
 use nalgebra::{DMatrix, DVector};
@@ -315,7 +315,7 @@ impl Search<'_> {
     /// it.
     fn suspects(&self, stage: &SearchStage) -> Vec<Vec<Separation>> {
         let mut likely = (self.ranking(stage).into_iter())
-            .filter(|(_, gain)| *gain > 0.0)
+            .filter(|(_, gain)| *gain > BARE_MENTION)
             .filter_map(|(term, _)| Some((term, stage.with[term].as_ref()?.plain())))
             .filter(|(term, fit)| self.plausible(fit, *term))
             .map(|(_, fit)| fit);
