@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::further::{FurtherTraceSpec, LoadedBeatSpec, QrsWidth, ValveTimes};
 use crate::input_file::InputFile;
 use crate::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
@@ -38,6 +39,18 @@ pub struct DiscoverSpec {
     /// Volume in the whole-heart image.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub diastasis: Option<Diastasis>,
+    /// Further traces of the same beat.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub traces: Vec<FurtherTraceSpec>,
+    /// Times of the valves.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub valve_times: Option<ValveTimes>,
+    /// Width of QRS.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub qrs: Option<QrsWidth>,
+    /// Beats under changed load.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub loaded: Vec<LoadedBeatSpec>,
     /// Volume of the left ventricular wall; estimated if absent.
     #[serde(
         default,
@@ -60,6 +73,19 @@ pub struct DiscoverSpec {
     pub effects: Vec<String>,
     /// Seed of the bootstrap.
     pub seed: u64,
+}
+
+impl DiscoverSpec {
+    /// The files that the search reads.
+    #[must_use]
+    pub fn files(&self) -> Vec<&InputFile> {
+        let traces = self.traces.iter().map(|trace| &trace.file);
+        let loaded = self.loaded.iter().flat_map(|b| [&b.pressure, &b.volume]);
+        ([&self.pressure, &self.volume].into_iter())
+            .chain(traces)
+            .chain(loaded)
+            .collect()
+    }
 }
 
 /// Measured and simulated values of a biomarker.

@@ -17,6 +17,7 @@ pub mod failure;
 pub mod finite_element;
 pub mod fit;
 pub mod formats;
+pub mod further;
 pub mod hash;
 pub mod heart;
 pub mod ids;

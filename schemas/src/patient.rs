@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::biomarkers::Biomarkers;
 use crate::cohort::SettingsLayer;
 use crate::finite_element::MeshFibres;
+use crate::further::{FurtherTraces, LoadedBeat, QrsWidth, ValveTimes};
 use crate::organ::WindkesselParameters;
 
 /// A patient.
@@ -80,6 +81,18 @@ pub struct Measured {
     /// Volume in the whole-heart image and the time at which the image was taken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diastasis: Option<Diastasis>,
+    /// Further traces of the same beat.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub traces: Option<FurtherTraces>,
+    /// Times of the valves by heart sounds or echo.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub valve_times: Option<ValveTimes>,
+    /// Width of QRS in the electrocardiogram.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub qrs: Option<QrsWidth>,
+    /// Steady beats of the same heart under changed load, as during an occlusion of the caval veins.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub loaded: Vec<LoadedBeat>,
 }
 
 /// Aortic pressure that was measured independently of the ventricular catheter.

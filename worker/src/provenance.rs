@@ -92,7 +92,7 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
         // Only figures of the mesh are used, and the specification holds them.
         TaskSpec::Step3Proposal(spec) => calcium(&spec.beat),
         TaskSpec::Posterior(spec) => calcium(&spec.beat),
-        TaskSpec::Discover(spec) => vec![&spec.pressure, &spec.volume],
+        TaskSpec::Discover(spec) => spec.files(),
         TaskSpec::Step1Proposal(_) | TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
     }
 }

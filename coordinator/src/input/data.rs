@@ -10,6 +10,7 @@ use cardiotwin_signals::{Quantity, Trace};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::document::Document;
+use super::further;
 use super::layers::position_of;
 use super::report::Report;
 use super::resolve::left_atrial_pressure;
@@ -45,7 +46,9 @@ pub fn check(
         .as_ref()
         .and_then(|mesh| mesh.right_ventricle.as_ref());
     let right = of_right.and_then(|right| read(&right.pressure, Quantity::Pressure));
-    if report.is_broken(&document.file, "cycle_length_ms") {
+    let cycle_is_sound = !report.is_broken(&document.file, "cycle_length_ms");
+    further::check(file, folder, cycle_is_sound, report);
+    if !cycle_is_sound {
         return;
     }
     let cycle_length = Ms(file.cycle_length_ms);

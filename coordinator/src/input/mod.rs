@@ -12,6 +12,9 @@ mod complaint;
 mod data;
 mod document;
 mod external;
+mod further;
+#[cfg(test)]
+mod further_tests;
 mod hashed;
 mod layers;
 mod mesh;

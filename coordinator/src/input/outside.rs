@@ -12,6 +12,7 @@ use cardiotwin_signals::Problem;
 
 use super::document::Document;
 use super::external;
+use super::further;
 use super::layers::{Merged, position_of};
 use super::report::Report;
 
@@ -80,7 +81,7 @@ pub(super) fn check(
     for (key, name) in named_files(file) {
         if let Some(stray) = bounds.left_by_named(folder, &name) {
             let problem = Problem::error(&document.file, said(&stray), expected, remedy);
-            refuse(problem.at_key(key).at(position_of(document, key)));
+            refuse(problem.at_key(key.as_str()).at(position_of(document, &key)));
         }
     }
     if settings.settings.solver.fidelity == Fidelity::External {
@@ -96,7 +97,7 @@ pub(super) fn check(
 }
 
 /// Keys of a patient's file that name files, with every file that belongs to them.
-fn named_files(file: &PatientFile) -> Vec<(&'static str, String)> {
+fn named_files(file: &PatientFile) -> Vec<(String, String)> {
     let measured = &file.measured;
     let mesh = file.anatomy.mesh.as_ref();
     let right = mesh.and_then(|mesh| mesh.right_ventricle.as_ref());
@@ -121,6 +122,6 @@ fn named_files(file: &PatientFile) -> Vec<(&'static str, String)> {
     }
     let there = named
         .into_iter()
-        .filter_map(|(key, name)| Some((key, name?)));
-    there.collect()
+        .filter_map(|(key, name)| Some((key.to_owned(), name?)));
+    there.chain(further::files(measured)).collect()
 }

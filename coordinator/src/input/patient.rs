@@ -166,14 +166,14 @@ fn folder_of<'a>(document: &'a Document, id: &'a str) -> &'a str {
         .unwrap_or(id)
 }
 
-struct Values<'a> {
+pub(super) struct Values<'a> {
     document: &'a Document,
     folder: &'a str,
     report: &'a mut Report,
 }
 
 impl Values<'_> {
-    fn add(
+    pub(super) fn add(
         &mut self,
         key: &str,
         found: impl Into<String>,
@@ -186,7 +186,7 @@ impl Values<'_> {
             .add(Some(self.folder), problem.at_key(key).at(at));
     }
 
-    fn range(&mut self, key: &str, value: Option<f64>, low: f64, high: f64, unit: &str) {
+    pub(super) fn range(&mut self, key: &str, value: Option<f64>, low: f64, high: f64, unit: &str) {
         let Some(value) = value else { return };
         if !(low..=high).contains(&value) {
             let remedy = match unit {
@@ -459,6 +459,7 @@ impl Values<'_> {
                 );
             }
         }
+        self.further(measured, cycle_ms);
         if let Some(biomarkers) = &measured.biomarkers {
             self.biomarkers(biomarkers, cycle_ms);
         }
@@ -488,7 +489,7 @@ impl Values<'_> {
         }
     }
 
-    fn trace_file(&mut self, key: &str, name: Option<&str>) {
+    pub(super) fn trace_file(&mut self, key: &str, name: Option<&str>) {
         let Some(name) = name else { return };
         let folder = self.document.file.parent().unwrap_or(Path::new("."));
         let path = folder.join(name);

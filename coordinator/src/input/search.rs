@@ -1,6 +1,7 @@
 //! Specification of the search for missing effects from a patient's file.
 
 use cardiotwin_schemas::discover::DiscoverSpec;
+use cardiotwin_schemas::further::{FurtherTraceSpec, LoadedBeatSpec};
 use cardiotwin_schemas::task::InputFile;
 use cardiotwin_signals::Problem;
 
@@ -36,6 +37,7 @@ pub fn specification(
         trace("pressure", &measured.pressure),
         trace("volume", &measured.volume),
     );
+    let further = further(patient, report);
     Some(DiscoverSpec {
         cycle_length_ms: patient.file.cycle_length_ms,
         pressure: pressure?,
@@ -44,6 +46,10 @@ pub fn specification(
         aortic_pressure: measured.aortic_pressure.clone(),
         forward_stroke_volume: measured.forward_stroke_volume.clone(),
         diastasis: measured.diastasis.clone(),
+        traces: further.0?,
+        valve_times: measured.valve_times.clone(),
+        qrs: measured.qrs.clone(),
+        loaded: further.1?,
         wall_volume_ml: patient.file.anatomy.wall_volume_ml,
         left_atrial_pressure_mmhg: patient
             .file
@@ -54,4 +60,38 @@ pub fn specification(
         effects: effects.to_vec(),
         seed,
     })
+}
+
+/// Further traces, and beats under changed load, with their files; `None` if a file cannot be read.
+fn further(
+    patient: &Patient,
+    report: &mut Report,
+) -> (Option<Vec<FurtherTraceSpec>>, Option<Vec<LoadedBeatSpec>>) {
+    let measured = &patient.file.measured;
+    let mut file =
+        |role: &str, name: &str| hash(role, &patient.folder.join(name), &patient.id, report);
+    let stated = measured.traces.iter().flat_map(|traces| traces.stated());
+    let traces = stated
+        .map(|stated| {
+            Some(FurtherTraceSpec {
+                quantity: stated.quantity,
+                file: file(stated.quantity.name(), stated.file)?,
+                rms: stated.rms,
+                correlation_ms: stated.correlation_ms,
+                delay_ms: stated.delay_ms,
+                delay_sd_ms: stated.delay_sd_ms,
+            })
+        })
+        .collect();
+    let loaded = (measured.loaded.iter().enumerate())
+        .map(|(idx, beat)| {
+            let role = |of: &str| format!("loaded_{}_{of}", idx + 1);
+            Some(LoadedBeatSpec {
+                cycle_length_ms: beat.cycle_length_ms.unwrap_or(patient.file.cycle_length_ms),
+                pressure: file(&role("pressure"), &beat.pressure)?,
+                volume: file(&role("volume"), &beat.volume)?,
+            })
+        })
+        .collect();
+    (traces, loaded)
 }

@@ -15,6 +15,7 @@ pub mod fits;
 pub mod json_schema;
 pub mod label;
 mod labels;
+pub mod measurements;
 pub mod motion;
 pub mod one_fibre;
 pub mod passive_law;

@@ -1,6 +1,7 @@
 //! Effects that cannot be distinguished from an accepted one in this case: rivals are fitted to its
 //! noise-free output.
 
+use crate::deciding::{Separation, separations};
 use crate::fit::Fit;
 use crate::forward::Candidate;
 use crate::least_squares::Settings;
@@ -35,7 +36,26 @@ fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
     if let Some(w) = &mut side.whole_heart {
         w.volume.value = beat.at(&beat.true_volume_ml, w.time_ms);
     }
+    for (which, time) in side.valve_times.all_mut().into_iter().enumerate() {
+        if let Some(time) = time {
+            time.value = beat.valve_times_ms?[which];
+        }
+    }
+    if let Some(qrs) = &mut side.qrs_ms {
+        qrs.value = beat.qrs_ms;
+    }
+    data.further = data.further.of_beat(&beat);
     Some(data)
+}
+
+/// A rival of an accepted effect.
+#[derive(Debug, Clone)]
+pub struct Rival {
+    /// Misfit that it leaves on the effect's noise-free output.
+    pub confusable: Confusable,
+    /// Misfit by which each further measurement is expected to separate it from the effect; empty for
+    /// a rival that can be distinguished.
+    pub separations: Vec<Separation>,
 }
 
 /// Rivals of one accepted term, with the misfit that each leaves on the fit's noise-free output, in
@@ -50,7 +70,7 @@ pub fn confusables(
     rivals: &[usize],
     fits: &[Option<Fit>],
     settings: &Settings,
-) -> Vec<Confusable> {
+) -> Vec<Rival> {
     let Some(data) = noise_free(problem, fit) else {
         return Vec::new();
     };
@@ -78,7 +98,7 @@ pub fn confusables(
     structure.terms.retain(|t| *t != term);
     // The pull of the prior on the effect itself is not a misfit.
     let itself = fit.misfit.prior;
-    let found: Vec<Option<(usize, f64)>> = rivals
+    let found: Vec<Option<Rival>> = rivals
         .par_iter()
         .map(|rival| {
             let mut with = structure.clone();
@@ -109,22 +129,24 @@ pub fn confusables(
                 .collect::<Vec<_>>();
             let best = best(tries)?;
             let m = &best.misfit;
-            Some((
-                *rival,
-                (m.pressure + m.volume + m.side + m.prior - itself).max(0.0),
-            ))
+            let expected_misfit = (m.pressure + m.volume + m.side + m.prior - itself).max(0.0);
+            let is_confusable = expected_misfit < SEPARABLE;
+            Some(Rival {
+                confusable: Confusable {
+                    effect: candidates[term].name.clone(),
+                    rival: candidates[*rival].name.clone(),
+                    expected_misfit,
+                },
+                separations: (is_confusable.then(|| separations(&inner, fit, &best)))
+                    .unwrap_or_default(),
+            })
         })
         .collect();
-    let mut list: Vec<Confusable> = found
-        .into_iter()
-        .flatten()
-        .map(|(rival, expected_misfit)| Confusable {
-            effect: candidates[term].name.clone(),
-            rival: candidates[rival].name.clone(),
-            expected_misfit,
-        })
-        .collect();
-    list.sort_by(|a, b| a.expected_misfit.total_cmp(&b.expected_misfit));
+    let mut list: Vec<Rival> = found.into_iter().flatten().collect();
+    list.sort_by(|a, b| {
+        let misfit = |rival: &Rival| rival.confusable.expected_misfit;
+        misfit(a).total_cmp(&misfit(b))
+    });
     list
 }
 

@@ -2,7 +2,7 @@
 
 use crate::bootstrap::p_value;
 use crate::calibration::Calibration;
-use crate::confusion::{SEPARABLE, confusables, rivals};
+use crate::confusion::{Rival, SEPARABLE, confusables, rivals};
 use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy, Views};
 use crate::fit::Fit;
 use crate::forward::Forward;
@@ -17,7 +17,7 @@ use crate::settings::Settings;
 use crate::stage::{Search, SearchStage};
 use crate::stepwise::{Found, find};
 use crate::unexplained::depends_on;
-use cardiotwin_vocabulary::findings::{Findings, Unexplained};
+use cardiotwin_vocabulary::findings::{Confusable, Findings, Unexplained};
 use std::collections::BTreeMap;
 
 /// Reasons why a search gives no result.
@@ -100,7 +100,7 @@ pub fn discover(
             .map(|(_, f)| f.n_evaluations)
             .sum::<usize>();
     let effects = ranked_effects(&search, &stages, &current, &losses);
-    let mut confusable = Vec::new();
+    let mut confusable: Vec<Rival> = Vec::new();
     let plain_of =
         |with: &Option<FitsByDiscrepancy>| with.as_ref().map(|wide| wide.plain().clone());
     let known: Vec<Option<Fit>> = stages[accepted.len().saturating_sub(1).min(stages.len() - 1)]
@@ -123,19 +123,15 @@ pub fn discover(
             &settings.fit,
         ));
     }
-    confusable.retain(|c| c.expected_misfit < SEPARABLE);
-    let mut deciding: Vec<String> = Vec::new();
-    for c in &confusable {
-        let of = |name: &str| {
-            candidates
-                .iter()
-                .find(|k| k.name == name)
-                .map(|k| k.separated_by.clone())
-        };
-        deciding.extend(of(&c.effect).into_iter().chain(of(&c.rival)).flatten());
-    }
-    let mut seen = std::collections::BTreeSet::new();
-    deciding.retain(|d| seen.insert(d.clone()));
+    confusable.retain(|rival| rival.confusable.expected_misfit < SEPARABLE);
+    let deciding = search.deciding(
+        &stages[0],
+        (!accepted.is_empty()).then_some(&confusable[..]),
+    );
+    let confusable: Vec<Confusable> = confusable
+        .into_iter()
+        .map(|rival| rival.confusable)
+        .collect();
 
     let threshold = search.threshold(&stages[0]);
     let unexplained = (accepted.is_empty() && unhealthy.1 >= threshold.max(10.0)).then(|| {

@@ -1,11 +1,11 @@
 //! Fits of structures: the most probable parameters with profiled noise scales, and the evidence of
 //! the structure.
 
+use crate::forward::Orbits;
 use crate::least_squares::{Known, Minimum, Settings, minimise_from};
 use crate::noise::NoiseLevels;
 use crate::parameter::Parameter;
 use crate::problem::{Misfit, Problem, Structure, Weights};
-use cardiotwin_models::periodic::Orbit;
 use nalgebra::{DMatrix, DVector};
 
 /// Largest number of times that the noise scales are profiled again; starts with a large misfit
@@ -27,7 +27,7 @@ pub struct Fit {
     /// z of the fitted parameters.
     pub z: Vec<f64>,
     /// White, weighted residuals at the optimum, priors last.
-    pub minimum: Minimum<Orbit>,
+    pub minimum: Minimum<Orbits>,
     /// Weights of pressure and volume in the last minimisation.
     pub weights: Weights,
     /// Sums of squares by origin.
@@ -168,7 +168,7 @@ impl Problem<'_> {
         let mut n_evaluations = 0;
         let mut round = 0;
         loop {
-            let residuals = |z: &[f64], warm: Option<&Orbit>| {
+            let residuals = |z: &[f64], warm: Option<&Orbits>| {
                 self.residuals(structure, &parameters, z, weights, warm)
             };
             let mut minimum = minimise_from(

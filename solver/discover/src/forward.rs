@@ -1,5 +1,6 @@
 //! Interface between the search and a model: parameters, candidates and the predicted beat.
 
+use crate::further::Quantity;
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
 use cardiotwin_vocabulary::findings::InThreeDimensions;
@@ -19,16 +20,70 @@ pub struct Prediction {
     pub true_pressure_mmhg: Vec<f64>,
     /// Flow through the aortic valve \[mL/s\].
     pub aortic_flow_ml_per_s: Vec<f64>,
-    /// Flow through the mitral valve \[mL/s\].
+    /// Flow through the mitral valve \[mL/s\], less what leaks back.
     pub mitral_flow_ml_per_s: Vec<f64>,
+    /// Pressure of the aorta \[mmHg\].
+    pub aortic_pressure_mmhg: Vec<f64>,
+    /// Pressure of the left atrium \[mmHg\], with what it gains and loses by flow.
+    pub atrial_pressure_mmhg: Vec<f64>,
+    /// Strain of the whole wall since time zero \[%\].
+    pub strain_percent: Vec<f64>,
+    /// Times at which aortic and mitral valve open and close \[ms\], in the order of
+    /// [`crate::further::ValveTimes::NAMES`]; `None` if a valve never opens or closes.
+    pub valve_times_ms: Option<[f64; 4]>,
+    /// Duration of QRS \[ms\].
+    pub qrs_ms: f64,
+    /// Beats of the same heart under the loads of the data.
+    pub loaded: Vec<LoadedPrediction>,
     /// Largest aortic pressure \[mmHg\].
     pub systolic_mmhg: f64,
     /// Smallest aortic pressure \[mmHg\].
     pub diastolic_mmhg: f64,
     /// Net volume that leaves through the aortic valve in a beat \[mL\].
     pub forward_stroke_volume_ml: f64,
-    /// Start of the search for a similar periodic beat.
-    pub warm: Orbit,
+    /// Start of the search for similar periodic beats.
+    pub warm: Orbits,
+}
+
+/// A beat under changed load as it would be measured, on a uniform periodic grid.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LoadedPrediction {
+    /// Interval of the grid \[ms\]; the first sample is at time zero.
+    pub step_ms: f64,
+    /// Pressure as the catheter would measure it \[mmHg\].
+    pub pressure_mmhg: Vec<f64>,
+    /// Volume as segmentation would measure it \[mL\].
+    pub volume_ml: Vec<f64>,
+}
+
+impl LoadedPrediction {
+    /// A trace of this beat at some times \[ms\].
+    #[must_use]
+    pub fn sampled(&self, trace: &[f64], time_ms: &[f64]) -> Vec<f64> {
+        time_ms
+            .iter()
+            .map(|t| trace_at(trace, self.step_ms, *t))
+            .collect()
+    }
+}
+
+/// Orbits near which the beats of similar parameters are sought.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Orbits {
+    /// Orbit of the steady beat.
+    pub steady: Orbit,
+    /// Orbit of each beat under changed load.
+    pub loaded: Vec<Orbit>,
+}
+
+/// A periodic trace at any time: linear between samples.
+#[must_use]
+pub fn trace_at(trace: &[f64], step_ms: f64, time_ms: f64) -> f64 {
+    let n = trace.len();
+    let x = (time_ms / step_ms).rem_euclid(n as f64);
+    let i = (x as usize).min(n - 1);
+    let f = x - i as f64;
+    trace[i] * (1.0 - f) + trace[if i + 1 == n { 0 } else { i + 1 }] * f
 }
 
 impl Prediction {
@@ -41,11 +96,19 @@ impl Prediction {
     /// A trace of this beat at any time: linear between samples, periodic.
     #[must_use]
     pub fn at(&self, trace: &[f64], time_ms: f64) -> f64 {
-        let n = trace.len();
-        let x = (time_ms / self.step_ms).rem_euclid(n as f64);
-        let i = (x as usize).min(n - 1);
-        let f = x - i as f64;
-        trace[i] * (1.0 - f) + trace[if i + 1 == n { 0 } else { i + 1 }] * f
+        trace_at(trace, self.step_ms, time_ms)
+    }
+
+    /// Trace of a further quantity.
+    #[must_use]
+    pub fn further(&self, quantity: Quantity) -> &[f64] {
+        match quantity {
+            Quantity::AorticPressure => &self.aortic_pressure_mmhg,
+            Quantity::AorticFlow => &self.aortic_flow_ml_per_s,
+            Quantity::MitralFlow => &self.mitral_flow_ml_per_s,
+            Quantity::AtrialPressure => &self.atrial_pressure_mmhg,
+            Quantity::Strain => &self.strain_percent,
+        }
     }
 }
 
@@ -103,5 +166,5 @@ pub trait Forward: Sync {
     /// Effects that the search may add.
     fn candidates(&self) -> &[Candidate];
     /// The periodic beat; `None` if the model has none for these values.
-    fn predict(&self, request: &Request<'_>, warm: Option<&Orbit>) -> Option<Prediction>;
+    fn predict(&self, request: &Request<'_>, warm: Option<&Orbits>) -> Option<Prediction>;
 }

@@ -37,7 +37,8 @@ fn squares(data: &Data, beat: &Prediction) -> (f64, f64) {
 #[must_use]
 pub fn gap(problem: &Problem<'_>, beat: &Prediction) -> f64 {
     let (sum, n) = squares(problem.data, beat);
-    let side = problem.side(beat);
+    let mut side = problem.side(beat);
+    side.extend(problem.data.further.white(beat).residuals);
     ((sum + side.iter().map(|r| r * r).sum::<f64>()) / (n + side.len() as f64)).sqrt()
 }
 

@@ -2,11 +2,11 @@
 //! common to all volumes.
 //!
 //! With noise of covariance L Lᵀ for each signal, shared errors U of unit variance and the common
-//! factor's u (see [`crate::noise::Signal`]), the covariance is L (1 + B Bᵀ) Lᵀ with B = L⁻¹ (u U).
+//! factor's u (see [`crate::signal::Signal`]), the covariance is L (1 + B Bᵀ) Lᵀ with B = L⁻¹ (u U).
 //! Its inverse square root is the symmetric one of the bracket, from the eigenvalues of Bᵀ B, times
 //! L⁻¹.
 
-use crate::noise::{Signal, dilution};
+use crate::signal::{Signal, dilution};
 use nalgebra::{DMatrix, DVector};
 
 /// Errors that pressure and volume share, besides the noise of each.

@@ -5,11 +5,14 @@
 pub mod activation;
 pub mod bootstrap;
 pub mod calibration;
+pub mod channel;
 pub mod confusion;
 pub mod decide;
+pub mod deciding;
 pub mod discrepancy;
 pub mod fit;
 pub mod forward;
+pub mod further;
 pub mod held_out;
 pub mod joint;
 pub mod learnt;
@@ -28,9 +31,11 @@ pub mod result;
 pub mod search;
 pub mod series;
 pub mod settings;
+pub mod signal;
 pub mod stage;
 mod stepwise;
 pub mod unexplained;
+pub mod valves;
 
 pub use decide::{DiscoverError, discover};
 pub use measured::Measured;

@@ -1,9 +1,12 @@
 //! Location of the disagreement between model and data: residuals by signal and phase of the beat.
 
+use crate::channel::{QRS_MODEL_SD_MS, VALVE_MODEL_SD_MS};
 use crate::forward::Prediction;
+use crate::further::ValveTimes;
 use crate::noise::slopes;
 use crate::phases::{PHASES, Phases};
 use crate::problem::{Data, Problem};
+use crate::valves::cyclic;
 use cardiotwin_vocabulary::biomarkers::Biomarker;
 use cardiotwin_vocabulary::findings::{Place, Side};
 
@@ -18,7 +21,11 @@ fn place(
 ) -> Place {
     let unit = match signal {
         "pressure_rate" => "mmHg/s",
-        "volume" | "end_diastolic_volume" | "forward_stroke_volume" | "whole_heart_volume" => "mL",
+        "aortic_flow" | "mitral_flow" => "mL/s",
+        "strain" => "%",
+        "qrs" => "ms",
+        _ if ValveTimes::NAMES.contains(&signal) => "ms",
+        _ if signal.ends_with("volume") => "mL",
         _ => "mmHg",
     };
     Place {
@@ -59,10 +66,15 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
     let phases = Phases::of(&data.pressure, &data.volume, data.measured.cycle_ms);
     let cycle = data.measured.cycle_ms;
     let mut places = Vec::new();
-    for (name, signal, trace) in [
-        ("pressure", &data.pressure, &beat.pressure_mmhg),
+    let mut traces = vec![
+        ("pressure", &data.pressure, &beat.pressure_mmhg[..]),
         ("volume", &data.volume, &beat.volume_ml),
-    ] {
+    ];
+    traces.extend((data.further.channels.iter()).map(|channel| {
+        let quantity = channel.quantity;
+        (quantity.name(), &channel.signal, beat.further(quantity))
+    }));
+    for (name, signal, trace) in traces {
         let model = beat.sampled(trace, &signal.time_ms);
         let residual = signal.residual(&model);
         let white = signal.whitener(&model).whiten(&residual);
@@ -122,6 +134,38 @@ pub fn locate(problem: &Problem<'_>, beat: &Prediction) -> Vec<Place> {
             w.volume.sd,
             &[Biomarker::Edv],
         );
+    }
+    for (which, time) in side.valve_times.all().into_iter().enumerate() {
+        if let (Some(time), Some(model)) = (time, beat.valve_times_ms) {
+            let difference = cyclic(time.value - model[which], cycle);
+            let sd = time.sd.hypot(VALVE_MODEL_SD_MS[which]);
+            scalar(ValveTimes::NAMES[which], difference, 0.0, sd, &[]);
+        }
+    }
+    if let Some(qrs) = side.qrs_ms {
+        scalar(
+            "qrs",
+            qrs.value,
+            beat.qrs_ms,
+            qrs.sd.hypot(QRS_MODEL_SD_MS),
+            &[],
+        );
+    }
+    for (idx, (loaded, model)) in data.further.loaded.iter().zip(&beat.loaded).enumerate() {
+        let models = loaded.models(model);
+        for (of, signal, model) in [
+            ("pressure", &loaded.pressure, &models[0]),
+            ("volume", &loaded.volume, &models[1]),
+        ] {
+            let residual = signal.residual(model);
+            let white = signal.whitener(model).whiten(&residual);
+            let all: Vec<usize> = (0..signal.len()).collect();
+            let size = residual.iter().sum::<f64>() / all.len().max(1) as f64;
+            let share = white.iter().map(|w| w * w).sum();
+            let name = format!("load_{}_{of}", idx + 1);
+            let sd = signal.mean_sd(&all, model);
+            places.push(place((&name, "beat"), (size, sd, share), &[]));
+        }
     }
     let total: f64 = places.iter().map(|p| p.share).sum();
     places

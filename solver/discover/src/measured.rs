@@ -1,6 +1,7 @@
 //! Measured data of a patient: traces, statements on their noise, and scalars measured besides
 //! them.
 
+use crate::further::{Further, LoadedBeat, ValveTimes, check_trace};
 use cardiotwin_vocabulary::trace_noise::Noise;
 use serde::{Deserialize, Serialize};
 
@@ -43,6 +44,12 @@ pub struct SideData {
     pub forward_stroke_volume: Option<Uncertain>,
     /// Volume from a whole-heart image.
     pub whole_heart: Option<WholeHeart>,
+    /// Times of the valves by heart sounds or echo.
+    #[serde(default)]
+    pub valve_times: ValveTimes,
+    /// Duration of QRS in the electrocardiogram \[ms\].
+    #[serde(default)]
+    pub qrs_ms: Option<Uncertain>,
 }
 
 impl SideData {
@@ -52,6 +59,8 @@ impl SideData {
         2 * usize::from(self.cuff.is_some())
             + usize::from(self.forward_stroke_volume.is_some())
             + usize::from(self.whole_heart.is_some())
+            + self.valve_times.all().iter().flatten().count()
+            + usize::from(self.qrs_ms.is_some())
     }
 
     /// Whether there are no scalars.
@@ -97,6 +106,9 @@ pub struct Measured {
     /// Loads that the patient file states.
     #[serde(default)]
     pub given: GivenLoads,
+    /// Further traces, and beats under changed load.
+    #[serde(default)]
+    pub further: Further,
 }
 
 /// Reasons why measured data cannot be used.
@@ -175,38 +187,7 @@ impl Measured {
             ),
         ];
         for (trace, times, values, expected) in traces {
-            if times.len() != values.len() {
-                return Err(MeasuredError::Length {
-                    trace,
-                    n_times: times.len(),
-                    n_values: values.len(),
-                });
-            }
-            if times.len() < expected {
-                return Err(MeasuredError::TooFew {
-                    trace,
-                    found: times.len(),
-                    expected,
-                });
-            }
-            for (i, t) in times.iter().enumerate() {
-                let increases = i == 0 || *t > times[i - 1];
-                if !(increases && *t >= 0.0 && *t <= self.cycle_ms + 1e-6) {
-                    return Err(MeasuredError::Time {
-                        trace,
-                        sample: i + 1,
-                        time_ms: *t,
-                        cycle_ms: self.cycle_ms,
-                    });
-                }
-            }
-            if let Some(value) = values.iter().find(|v| !v.is_finite()) {
-                return Err(MeasuredError::Value {
-                    name: trace,
-                    value: *value,
-                    expected: "finite values",
-                });
-            }
+            check_trace(trace, times, values, expected, self.cycle_ms)?;
         }
         if let Some(value) = self.frame_volume_ml.iter().find(|v| **v <= 0.0) {
             return Err(MeasuredError::Value {
@@ -249,15 +230,44 @@ impl Measured {
                 .whole_heart
                 .map(|w| ("the whole-heart volume in mL", w.volume)),
         );
+        scalars.extend(
+            self.side
+                .qrs_ms
+                .map(|qrs| ("the duration of QRS in ms", qrs)),
+        );
+        for time in self.side.valve_times.all().into_iter().flatten() {
+            positive("the standard deviation of a valve's time in ms", time.sd)?;
+        }
         for (name, scalar) in scalars {
             positive(name, scalar.value)?;
             positive(name, scalar.sd)?;
         }
-        Ok(())
+        self.further.validate(self.cycle_ms)?;
+        self.further
+            .loaded
+            .iter()
+            .try_for_each(|beat| self.under_load(beat).validate())
+    }
+
+    /// The traces of a beat under changed load, with the noise of these.
+    #[must_use]
+    pub fn under_load(&self, beat: &LoadedBeat) -> Self {
+        Self {
+            cycle_ms: beat.cycle_ms,
+            pressure_time_ms: beat.pressure_time_ms.clone(),
+            pressure_mmhg: beat.pressure_mmhg.clone(),
+            frame_time_ms: beat.frame_time_ms.clone(),
+            frame_volume_ml: beat.frame_volume_ml.clone(),
+            noise: self.noise.clone(),
+            side: SideData::default(),
+            wall_volume: self.wall_volume,
+            given: GivenLoads::default(),
+            further: Further::default(),
+        }
     }
 }
 
-fn positive(name: &'static str, value: f64) -> Result<(), MeasuredError> {
+pub(crate) fn positive(name: &'static str, value: f64) -> Result<(), MeasuredError> {
     if value > 0.0 && value.is_finite() {
         return Ok(());
     }

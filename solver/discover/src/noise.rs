@@ -1,4 +1,4 @@
-//! Noise of the traces: its level according to the data, its covariance, and whitened residuals.
+//! Noise of the traces: its level according to the data, and its covariance.
 //!
 //! Pressure noise of an averaged beat is coloured: an Ornstein–Uhlenbeck process with rms σ and
 //! correlation time τ. Its spectrum above about 60 Hz, where a ventricle has no signal, shows σ²/τ
@@ -7,6 +7,8 @@
 use crate::measured::{Measured, STATED_NOISE_SD};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
+
+pub use crate::signal::{Signal, Whitener};
 
 /// Correlation time if the file states none \[ms\].
 const USUAL_CORRELATION_MS: f64 = 10.0;
@@ -144,6 +146,9 @@ pub struct ModelDiscrepancy {
     pub shift_ms: f64,
     /// Standard deviation of the common factor of all frames, minus one.
     pub scale: f64,
+    /// Factor of the smooth errors of further traces and of beats under changed load
+    /// ([`crate::channel`]).
+    pub further: f64,
 }
 
 impl Default for ModelDiscrepancy {
@@ -159,6 +164,7 @@ impl Default for ModelDiscrepancy {
             offset_mmhg: 1.0,
             shift_ms: 4.0,
             scale: 0.02,
+            further: 1.0,
         }
     }
 }
@@ -171,222 +177,54 @@ impl ModelDiscrepancy {
         Self {
             pressure_mmhg: 2.0,
             volume_ml: 3.0,
+            further: 3.0,
             ..Self::default()
         }
     }
 }
 
-/// Data of one signal, with the factor that whitens its residuals.
-#[derive(Debug, Clone)]
-pub struct Signal {
-    /// Time of each datum \[ms\], which is the middle of a bin or a frame.
-    pub time_ms: Vec<f64>,
-    /// Value of each datum, in the signal's unit.
-    pub value: Vec<f64>,
-    /// Standard deviation of one datum due to noise alone.
-    pub noise_sd: f64,
-    /// Rows of the inverse of the covariance's lower Cholesky factor, packed.
-    whitening: Vec<f64>,
-    /// Covariance of the data without the common factor.
-    covariance: DMatrix<f64>,
-    /// Logarithm of the determinant of the covariance without the common factor.
-    pub log_determinant: f64,
-    /// Standard deviation of a factor common to all data, whose mean is one.
-    factor_sd: f64,
-}
-
-/// Whitening of residuals from one model curve, whose values carry the common factor of the data.
-///
-/// With data d = (1 + s) m + e, where s has standard deviation σ and e has covariance C₀ = L Lᵀ,
-/// integration over s gives residuals d − m of covariance C₀ + σ² m mᵀ. The factor multiplies the
-/// model's values m. With the measured values in their place, each fit would lie below its data
-/// (Peelle's pertinent puzzle; D'Agostini 1994, Nucl Instrum Methods A 346:306). With u = σ L⁻¹ m,
-/// the covariance is L (1 + u uᵀ) Lᵀ. Its inverse square root is the symmetric one of the bracket
-/// times L⁻¹.
-#[derive(Debug, Clone)]
-pub struct Whitener<'a> {
-    signal: &'a Signal,
-    u: Vec<f64>,
-    /// Squared norm of `u`.
-    square: f64,
-}
-
-/// λ/(1 − 1/√(1 + λ)) without cancellation: (1 + B Bᵀ)^(−1/2) takes B v vᵀ Bᵀ over this number from
-/// unit noise, where v is an eigenvector of Bᵀ B and λ its eigenvalue.
-pub(crate) fn dilution(eigenvalue: f64) -> f64 {
-    let root = (1.0 + eigenvalue).sqrt();
-    root * (1.0 + root)
-}
-
-impl Whitener<'_> {
-    /// Whitened residuals (1 + u uᵀ)^(−1/2) L⁻¹ r of residuals r.
-    #[must_use]
-    pub fn whiten(&self, residual: &[f64]) -> Vec<f64> {
-        let mut white = self.signal.solve_factor(residual);
-        let along: f64 = self.u.iter().zip(&white).map(|(u, w)| u * w).sum();
-        let share = along / dilution(self.square);
-        white
-            .iter_mut()
-            .zip(&self.u)
-            .for_each(|(w, u)| *w -= share * u);
-        white
-    }
-
-    /// Logarithm of the determinant added by the common factor, ln(1 + |u|²).
-    #[must_use]
-    pub fn factor_log_determinant(&self) -> f64 {
-        self.square.ln_1p()
-    }
-}
-
-impl Signal {
-    /// # Panics
-    /// If the covariance is not positive definite, which noise on the diagonal excludes.
-    pub(crate) fn new(
-        time_ms: Vec<f64>,
-        value: Vec<f64>,
-        noise_sd: f64,
-        covariance: DMatrix<f64>,
-        factor_sd: f64,
-    ) -> Self {
-        let (whitening, log_determinant) = packed_inverse_factor(&covariance);
-        Self {
-            time_ms,
-            value,
-            noise_sd,
-            whitening,
-            covariance,
-            log_determinant,
-            factor_sd,
-        }
-    }
-
-    /// Smallest and largest value.
-    #[must_use]
-    pub fn range(&self) -> (f64, f64) {
-        self.value
-            .iter()
-            .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)))
-    }
-
-    /// Number of data in the signal.
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.value.len()
-    }
-
-    /// Whether there are no data.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.value.is_empty()
-    }
-
-    /// Data minus model.
-    ///
-    /// - `model`: values of the model at the times of the data
-    #[must_use]
-    pub fn residual(&self, model: &[f64]) -> Vec<f64> {
-        self.value.iter().zip(model).map(|(v, m)| v - m).collect()
-    }
-
-    /// Product of L⁻¹ with `x`.
-    pub(crate) fn solve_factor(&self, x: &[f64]) -> Vec<f64> {
-        let mut row = 0;
-        (0..x.len())
-            .map(|i| {
-                let weights = &self.whitening[row..=row + i];
-                row += i + 1;
-                weights.iter().zip(x).map(|(w, x)| w * x).sum()
-            })
-            .collect()
-    }
-
-    /// u of the common factor; empty without one.
-    ///
-    /// - `model`: values of the model at the times of the data
-    pub(crate) fn white_factor(&self, model: &[f64]) -> Vec<f64> {
-        if self.factor_sd <= 0.0 {
-            return Vec::new();
-        }
-        let scaled: Vec<f64> = model.iter().map(|m| self.factor_sd * m).collect();
-        self.solve_factor(&scaled)
-    }
-
-    /// Whitening of residuals from a model.
-    ///
-    /// - `model`: values of the model at the times of the data
-    #[must_use]
-    pub fn whitener(&self, model: &[f64]) -> Whitener<'_> {
-        let u = self.white_factor(model);
-        Whitener {
-            signal: self,
-            square: u.iter().map(|u| u * u).sum(),
-            u,
-        }
-    }
-
-    /// Standard deviation of the mean error of the data at some indices.
-    ///
-    /// - `model`: values of the model at the times of all data
-    #[must_use]
-    pub fn mean_sd(&self, positions: &[usize], model: &[f64]) -> f64 {
-        let own: f64 = positions
-            .iter()
-            .flat_map(|i| positions.iter().map(|j| self.covariance[(*i, *j)]))
-            .sum();
-        let common = self.factor_sd * positions.iter().map(|i| model[*i]).sum::<f64>();
-        (own + common * common).sqrt() / positions.len().max(1) as f64
-    }
-
-    /// The same signal with other values, for a simulated patient.
-    #[must_use]
-    pub fn with_values(&self, value: Vec<f64>) -> Self {
-        Self {
-            value,
-            ..self.clone()
-        }
-    }
-
-    /// The data at these indices, with their own covariance.
-    #[must_use]
-    pub fn subset(&self, keep: &[usize]) -> Self {
-        let pick = |v: &[f64]| keep.iter().map(|i| v[*i]).collect::<Vec<_>>();
-        let covariance = DMatrix::from_fn(keep.len(), keep.len(), |r, c| {
-            self.covariance[(keep[r], keep[c])]
-        });
-        Self::new(
-            pick(&self.time_ms),
-            pick(&self.value),
-            self.noise_sd,
-            covariance,
-            self.factor_sd,
-        )
-    }
-}
-
-/// Packed rows of L⁻¹, where C = L Lᵀ, and ln det C.
-fn packed_inverse_factor(covariance: &DMatrix<f64>) -> (Vec<f64>, f64) {
-    let n = covariance.nrows();
-    let factor = covariance
-        .clone()
-        .cholesky()
-        .expect("a covariance with noise on its diagonal is positive definite")
-        .l();
-    let inverse = factor
-        .solve_lower_triangular(&DMatrix::identity(n, n))
-        .expect("the factor's diagonal is positive");
-    let packed = (0..n)
-        .flat_map(|r| (0..=r).map(move |c| (r, c)))
-        .map(|(r, c)| inverse[(r, c)])
-        .collect();
-    (
-        packed,
-        2.0 * factor.diagonal().iter().map(|d| d.ln()).sum::<f64>(),
-    )
-}
-
 /// Width of a pressure bin \[ms\].
 pub const BIN_MS: f64 = 4.0;
+
+/// Indices of the samples in each bin of a cycle; empty bins are left out.
+pub(crate) fn bins(time_ms: &[f64], cycle_ms: f64) -> Vec<Vec<usize>> {
+    let n_bins = (cycle_ms / BIN_MS).floor() as usize;
+    let width = cycle_ms / n_bins as f64;
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); n_bins];
+    for (i, t) in time_ms.iter().enumerate() {
+        members[((t / width) as usize).min(n_bins - 1)].push(i);
+    }
+    members.retain(|m| !m.is_empty());
+    members
+}
+
+/// Mean of the values of each bin.
+pub(crate) fn means(members: &[Vec<usize>], values: &[f64]) -> Vec<f64> {
+    let mean = |m: &Vec<usize>| m.iter().map(|i| values[*i]).sum::<f64>() / m.len() as f64;
+    members.iter().map(mean).collect()
+}
+
+/// Correlation of the means of two bins under an Ornstein–Uhlenbeck process.
+///
+/// - `dt_ms`: distance of the bins' centres
+pub(crate) fn correlation(
+    [a, b]: [&[usize]; 2],
+    time_ms: &[f64],
+    dt_ms: f64,
+    correlation_ms: f64,
+) -> f64 {
+    // Distant bins use their centres; the mean over the samples differs by a thousandth.
+    if dt_ms > 6.0 * correlation_ms {
+        return (-dt_ms / correlation_ms).exp();
+    }
+    let mut sum = 0.0;
+    for i in a {
+        for j in b {
+            sum += (-(time_ms[*i] - time_ms[*j]).abs() / correlation_ms).exp();
+        }
+    }
+    sum / (a.len() * b.len()) as f64
+}
 
 /// Bins of the pressure with coloured noise and model discrepancy.
 #[must_use]
@@ -395,23 +233,9 @@ pub fn pressure_signal(
     levels: &NoiseLevels,
     model_discrepancy: &ModelDiscrepancy,
 ) -> Signal {
-    let n_bins = (measured.cycle_ms / BIN_MS).floor() as usize;
-    let width = measured.cycle_ms / n_bins as f64;
-    let mut members: Vec<Vec<usize>> = vec![Vec::new(); n_bins];
-    for (i, t) in measured.pressure_time_ms.iter().enumerate() {
-        members[((t / width) as usize).min(n_bins - 1)].push(i);
-    }
-    members.retain(|m| !m.is_empty());
-    let mean =
-        |values: &[f64], m: &[usize]| m.iter().map(|i| values[*i]).sum::<f64>() / m.len() as f64;
-    let time: Vec<f64> = members
-        .iter()
-        .map(|m| mean(&measured.pressure_time_ms, m))
-        .collect();
-    let value: Vec<f64> = members
-        .iter()
-        .map(|m| mean(&measured.pressure_mmhg, m))
-        .collect();
+    let members = bins(&measured.pressure_time_ms, measured.cycle_ms);
+    let time = means(&members, &measured.pressure_time_ms);
+    let value = means(&members, &measured.pressure_mmhg);
     let slope = slopes(&time, &value, 10.0);
     let (rms, tau) = (levels.pressure_rms_mmhg, levels.pressure_correlation_ms);
     let n = members.len();
@@ -419,21 +243,8 @@ pub fn pressure_signal(
     for i in 0..n {
         for j in 0..=i {
             let dt = time[i] - time[j];
-            // Distant bins use their centres; the mean over the samples differs by a thousandth.
-            let noise = if dt > 6.0 * tau {
-                (-dt / tau).exp()
-            } else {
-                let mut sum = 0.0;
-                for a in &members[i] {
-                    for b in &members[j] {
-                        sum += (-(measured.pressure_time_ms[*a] - measured.pressure_time_ms[*b])
-                            .abs()
-                            / tau)
-                            .exp();
-                    }
-                }
-                sum / (members[i].len() * members[j].len()) as f64
-            };
+            let both = [&members[i][..], &members[j][..]];
+            let noise = correlation(both, &measured.pressure_time_ms, dt, tau);
             let timing = model_discrepancy.timing_ms.powi(2)
                 * slope[i]
                 * slope[j]
@@ -482,7 +293,7 @@ pub fn volume_signal(
     Signal::new(time, value, rms, covariance, model_discrepancy.scale)
 }
 
-fn bell(dt: f64, length: f64) -> f64 {
+pub(crate) fn bell(dt: f64, length: f64) -> f64 {
     (-0.5 * (dt / length).powi(2)).exp()
 }
 
@@ -572,6 +383,7 @@ mod tests {
                 sd: 6.0,
             },
             given: Default::default(),
+            further: Default::default(),
         }
     }
 

@@ -1,13 +1,14 @@
 //! Fit problem of the search: a structure (base, named terms, bumps) and its residuals against the
 //! data.
 
-use crate::forward::{Forward, Prediction, Request};
+use crate::channel::{FurtherData, QRS_MODEL_SD_MS, VALVE_MODEL_SD_MS};
+use crate::forward::{Forward, Orbits, Prediction, Request};
 use crate::joint::SharedErrors;
 use crate::learnt::Formulation;
 use crate::measured::Measured;
 use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
 use crate::parameter::Parameter;
-use cardiotwin_models::periodic::Orbit;
+use crate::valves::cyclic;
 use nalgebra::{DMatrix, DVector};
 
 /// Number of factors of the activation in the nameless competitor.
@@ -28,6 +29,8 @@ pub struct Data {
     pub pressure: Signal,
     /// Volume of the frames.
     pub volume: Signal,
+    /// Further traces, and beats under changed load.
+    pub further: FurtherData,
     /// Errors that both share.
     shared: SharedErrors,
 }
@@ -52,6 +55,7 @@ impl Data {
         };
         Self {
             shared: SharedErrors::new(signals, errors),
+            further: FurtherData::new(&measured, &levels, model_discrepancy),
             measured,
             levels,
             model_discrepancy: *model_discrepancy,
@@ -75,6 +79,7 @@ impl Data {
             shared: self.shared.part([&pressure, &volume], &rows),
             pressure,
             volume,
+            further: self.further.clone(),
             measured: self.measured.clone(),
             ..*self
         }
@@ -83,10 +88,21 @@ impl Data {
     /// Logarithm of the determinant of the noise's covariance.
     #[must_use]
     pub fn noise_log_determinant(&self) -> f64 {
-        self.pressure.log_determinant + self.volume.log_determinant
+        let traces = self.pressure.log_determinant + self.volume.log_determinant;
+        if self.further.is_empty() {
+            traces
+        } else {
+            traces + self.further.log_determinant()
+        }
     }
 
-    /// Number of independent data: frames, pressure samples two correlation times apart, and
+    /// Number of data besides pressure and volume of the steady beat.
+    #[must_use]
+    pub fn n_side(&self) -> usize {
+        self.measured.side.len() + self.further.len()
+    }
+
+    /// Number of independent data: frames, samples of other traces two correlation times apart, and
     /// scalars.
     #[must_use]
     pub fn n_effective(&self) -> f64 {
@@ -95,6 +111,20 @@ impl Data {
         self.volume.len() as f64
             + span / (2.0 * self.levels.pressure_correlation_ms)
             + self.measured.side.len() as f64
+            + self.n_effective_further()
+    }
+
+    fn n_effective_further(&self) -> f64 {
+        let of = |samples: usize, correlation_ms: f64, cycle_ms: f64| {
+            (samples as f64).min(cycle_ms / (2.0 * correlation_ms))
+        };
+        let further = &self.measured.further;
+        let traces = (further.traces.iter())
+            .map(|t| of(t.time_ms.len(), t.correlation_ms, self.measured.cycle_ms));
+        let tau = self.levels.pressure_correlation_ms;
+        let loaded = (further.loaded.iter())
+            .map(|b| b.frame_time_ms.len() as f64 + of(b.pressure_time_ms.len(), tau, b.cycle_ms));
+        traces.chain(loaded).sum()
     }
 }
 
@@ -132,7 +162,7 @@ pub struct Misfit {
     pub pressure: f64,
     /// Sum over the volume frames.
     pub volume: f64,
-    /// Sum over the side data.
+    /// Sum over the side data: scalars, further traces, beats under changed load.
     pub side: f64,
     /// Logarithm of the determinant that shared errors and the common factor of the volumes add to
     /// the covariance of the noise.
@@ -168,7 +198,7 @@ impl Problem<'_> {
         &self,
         structure: &Structure,
         values: &[f64],
-        warm: Option<&Orbit>,
+        warm: Option<&Orbits>,
     ) -> Option<Prediction> {
         let n_base = self.forward.base().len();
         let (base, mut rest) = values.split_at(n_base);
@@ -188,7 +218,8 @@ impl Problem<'_> {
         )
     }
 
-    /// White residuals of a beat, data minus model, in the order pressure, volume, side data. The
+    /// White residuals of a beat, data minus model, in the order pressure, volume, scalars, further
+    /// traces, beats under changed load. The
     /// last element is the root of the logarithm of the determinant added by shared errors and the
     /// volumes' common factor, since that varies with the model. The weights multiply the squares of the first two
     /// groups.
@@ -215,12 +246,18 @@ impl Problem<'_> {
         out[..n_p].iter_mut().for_each(|r| *r *= p);
         out[n_p..].iter_mut().for_each(|r| *r *= v);
         out.extend(self.side(beat));
-        out.push(white.log_determinant.sqrt());
+        let mut log_determinant = white.log_determinant;
+        if !data.further.is_empty() {
+            let further = data.further.white(beat);
+            out.extend(further.residuals);
+            log_determinant += further.log_determinant;
+        }
+        out.push(log_determinant.sqrt());
         out
     }
 
-    /// Standardised residuals of the side data: cuff (systolic, diastolic), forward stroke volume,
-    /// whole-heart volume.
+    /// Standardised residuals of the scalars: cuff (systolic, diastolic), forward stroke volume,
+    /// whole-heart volume, times of valves, duration of QRS.
     #[must_use]
     pub fn side(&self, beat: &Prediction) -> Vec<f64> {
         let side = &self.data.measured.side;
@@ -235,6 +272,17 @@ impl Problem<'_> {
         if let Some(w) = side.whole_heart {
             out.push((w.volume.value - beat.at(&beat.true_volume_ml, w.time_ms)) / w.volume.sd);
         }
+        for (which, time) in side.valve_times.all().into_iter().enumerate() {
+            if let Some(time) = time {
+                // A beat without this event has no finite residual, and is no solution.
+                let model = beat.valve_times_ms.map_or(f64::NAN, |times| times[which]);
+                let difference = cyclic(time.value - model, self.data.measured.cycle_ms);
+                out.push(difference / time.sd.hypot(VALVE_MODEL_SD_MS[which]));
+            }
+        }
+        if let Some(qrs) = side.qrs_ms {
+            out.push((qrs.value - beat.qrs_ms) / qrs.sd.hypot(QRS_MODEL_SD_MS));
+        }
         out
     }
 
@@ -246,8 +294,8 @@ impl Problem<'_> {
         parameters: &[Parameter],
         z: &[f64],
         weights: Weights,
-        warm: Option<&Orbit>,
-    ) -> Option<(DVector<f64>, Orbit)> {
+        warm: Option<&Orbits>,
+    ) -> Option<(DVector<f64>, Orbits)> {
         let values: Vec<f64> = parameters.iter().zip(z).map(|(p, z)| p.value(*z)).collect();
         let beat = self.predict(structure, &values, warm)?;
         let mut out = self.white(&beat, weights);
@@ -264,7 +312,7 @@ impl Problem<'_> {
         let (n_p, n_v, n_s) = (
             self.data.pressure.len(),
             self.data.volume.len(),
-            self.data.measured.side.len(),
+            self.data.n_side(),
         );
         let sum = |from: usize, n: usize| residuals.rows(from, n).norm_squared();
         Misfit {

@@ -2,6 +2,7 @@
 //! labels.
 
 #[path = "../examples/evaluate/load.rs"]
+#[allow(dead_code)]
 mod load;
 
 use cardiotwin_discover::{Reduced, Settings, discover};

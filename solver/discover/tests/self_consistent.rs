@@ -2,6 +2,7 @@
 //! it is right.
 
 use cardiotwin_discover::forward::{Forward, Prediction, Request};
+use cardiotwin_discover::further::Further;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::phases::Phases;
@@ -50,9 +51,11 @@ fn template() -> Measured {
                 time_ms: 700.0,
                 volume: known(115.0, 4.0),
             }),
+            ..SideData::default()
         },
         wall_volume: known(115.0, 5.75),
         given: GivenLoads::default(),
+        further: Further::default(),
     }
 }
 

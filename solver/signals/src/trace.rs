@@ -16,8 +16,10 @@ pub enum Quantity {
     Calcium,
     /// Fibre stretch from the reference length, dimensionless.
     Stretch,
-    /// Flow through the aortic valve, mL/s.
+    /// Flow through a valve, mL/s.
     Flow,
+    /// Strain of the whole wall, %.
+    Strain,
 }
 
 impl Quantity {
@@ -31,6 +33,7 @@ impl Quantity {
             Self::Calcium => "Ca_uM",
             Self::Stretch => "lambda",
             Self::Flow => "flow_mL_per_s",
+            Self::Strain => "strain_percent",
         }
     }
 
@@ -50,6 +53,7 @@ impl Quantity {
             Self::Calcium => "µM",
             Self::Stretch => "",
             Self::Flow => "mL/s",
+            Self::Strain => "%",
         }
     }
 }
@@ -63,6 +67,7 @@ impl std::fmt::Display for Quantity {
             Self::Calcium => "calcium",
             Self::Stretch => "stretch",
             Self::Flow => "flow",
+            Self::Strain => "strain",
         })
     }
 }

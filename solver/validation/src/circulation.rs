@@ -151,6 +151,10 @@ pub struct Beat {
     pub aortic_flow: Vec<f64>,
     /// Flow through the mitral valve \[mL/s\].
     pub mitral_flow: Vec<f64>,
+    /// Opening of the aortic leaflets, 0 to 1.
+    pub aortic_opening: Vec<f64>,
+    /// Opening of the mitral leaflets, 0 to 1.
+    pub mitral_opening: Vec<f64>,
     /// Net volume into the aorta \[mL\].
     pub forward_ml: f64,
     /// Largest change of a state over the beat (mL, or mL/s over 100), which measures the distance
@@ -351,6 +355,8 @@ impl Heart {
                     beat.atrial_pressure.push(p.atrium);
                     beat.aortic_flow.push(state.valves[1].flow);
                     beat.mitral_flow.push(state.valves[0].flow);
+                    beat.aortic_opening.push(state.valves[1].opening);
+                    beat.mitral_opening.push(state.valves[0].opening);
                 }
                 let since_ms = i as f64 / STEPS_PER_MS as f64 - self.onset_ms;
                 state = self.step(&state, &p, wall.as_ref(), (since_ms, dt), resistance);

@@ -9,6 +9,7 @@
 
 pub mod activation;
 pub mod circulation;
+pub mod further;
 pub mod hidden;
 pub mod measure;
 pub mod patient;
@@ -18,6 +19,7 @@ pub mod sarcomere;
 pub mod simulated;
 pub mod valve;
 
+pub use further::{Further, Measurement};
 pub use measure::{Case, Side, Stated};
 pub use patient::Hearts;
 pub use plan::{Plan, PlannedCase};

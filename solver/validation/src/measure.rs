@@ -95,7 +95,7 @@ pub fn instruments_on(beat: &Beat, instruments: &Instruments) -> (Vec<f64>, Vec<
 }
 
 /// A periodic trace with samples each 1 ms, at any time.
-fn at(trace: &[f64], t_ms: f64) -> f64 {
+pub(crate) fn at(trace: &[f64], t_ms: f64) -> f64 {
     let n = trace.len();
     let t = t_ms.rem_euclid(n as f64);
     let (i, f) = (t.floor() as usize % n, t.fract());

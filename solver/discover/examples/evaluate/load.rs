@@ -1,5 +1,6 @@
 //! Reads cases and labels from files.
 
+use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat, Quantity, ValveTimes};
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_vocabulary::trace_noise::Noise;
 use std::collections::BTreeMap;
@@ -88,6 +89,61 @@ fn trace(path: &Path) -> Result<(Vec<f64>, Vec<f64>), String> {
     Ok(columns)
 }
 
+/// Reads the further traces and the beats under changed load that the file names.
+fn further(folder: &Path, patient: &Value, cycle_ms: f64) -> Result<Further, String> {
+    let measured = &patient["measured"];
+    let mut further = Further::default();
+    for quantity in Quantity::ALL {
+        let table = measured.get("traces").and_then(|t| t.get(quantity.name()));
+        let Some(table) = table else { continue };
+        let file = |key: &str| table.get(key).and_then(Value::as_str);
+        let value = |key: &str| number(table, &[key]);
+        let (time_ms, values) = trace(&folder.join(file("file").unwrap_or_default()))?;
+        let rms = ["rms_mmHg", "rms_mL_per_s", "rms_percent"].into_iter();
+        let sd = value("delay_sd_ms").unwrap_or(0.0);
+        further.traces.push(FurtherTrace {
+            quantity,
+            time_ms,
+            value: values,
+            rms: rms.filter_map(value).next().ok_or("no rms of a trace")?,
+            correlation_ms: value("correlation_ms").ok_or("no correlation_ms of a trace")?,
+            delay: Uncertain {
+                value: value("delay_ms").unwrap_or(0.0),
+                sd,
+            },
+        });
+    }
+    let loaded = measured.get("loaded").and_then(Value::as_array);
+    for beat in loaded.into_iter().flatten() {
+        let file = |key: &str| folder.join(beat.get(key).and_then(Value::as_str).unwrap_or(""));
+        let (pressure_time_ms, pressure_mmhg) = trace(&file("pressure"))?;
+        let (frame_time_ms, frame_volume_ml) = trace(&file("volume"))?;
+        further.loaded.push(LoadedBeat {
+            cycle_ms: number(beat, &["cycle_length_ms"]).unwrap_or(cycle_ms),
+            pressure_time_ms,
+            pressure_mmhg,
+            frame_time_ms,
+            frame_volume_ml,
+        });
+    }
+    Ok(further)
+}
+
+/// Leaves out all further measurements but some: quantities of traces, `valve_times`, `qrs`, `loaded`.
+pub fn keep(measured: &mut Measured, names: &[String]) {
+    let kept = |name: &str| names.iter().any(|n| n == name);
+    (measured.further.traces).retain(|trace| kept(trace.quantity.name()));
+    if !kept("valve_times") {
+        measured.side.valve_times = ValveTimes::default();
+    }
+    if !kept("qrs") {
+        measured.side.qrs_ms = None;
+    }
+    if !kept("loaded") {
+        measured.further.loaded.clear();
+    }
+}
+
 /// Reads one patient's folder. If the file states the number of frames from which the volume was
 /// interpolated, the same number of samples is taken.
 pub fn measured(folder: &Path) -> Result<Measured, String> {
@@ -125,7 +181,14 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
             get(&["measured", key, "sd_mL"]),
         )
     };
+    let valve = |key: &str| {
+        uncertain(
+            get(&["measured", "valve_times", key]),
+            get(&["measured", "valve_times", "sd_ms"]),
+        )
+    };
     let wall = need(&["anatomy", "wall_volume_mL"])?;
+    let cycle_ms = need(&["cycle_length_ms"])?;
     // Uncertainties as in the command line program.
     let given = |keys: &[&str], share: f64| {
         get(keys).map(|value| Uncertain {
@@ -134,7 +197,7 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
         })
     };
     Ok(Measured {
-        cycle_ms: need(&["cycle_length_ms"])?,
+        cycle_ms,
         pressure_time_ms,
         pressure_mmhg,
         frame_time_ms,
@@ -156,6 +219,16 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
             whole_heart: get(&["measured", "diastasis", "time_ms"])
                 .zip(volume("diastasis"))
                 .map(|(time_ms, volume)| WholeHeart { time_ms, volume }),
+            valve_times: ValveTimes {
+                aortic_opening: valve("aortic_opening_ms"),
+                aortic_closure: valve("aortic_closure_ms"),
+                mitral_opening: valve("mitral_opening_ms"),
+                mitral_closure: valve("mitral_closure_ms"),
+            },
+            qrs_ms: uncertain(
+                get(&["measured", "qrs", "duration_ms"]),
+                get(&["measured", "qrs", "sd_ms"]),
+            ),
         },
         wall_volume: Uncertain {
             value: wall,
@@ -173,6 +246,7 @@ pub fn measured(folder: &Path) -> Result<Measured, String> {
             ),
             compliance: given(&["afterload", "compliance_mL_per_mmHg"], 0.15),
         },
+        further: further(folder, &patient, cycle_ms)?,
     })
 }
 

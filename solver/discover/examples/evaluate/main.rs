@@ -2,10 +2,12 @@
 //!
 //! ```text
 //! evaluate CASES_DIR [--jobs N] [--only ID,ID] [--part development|aside] [--no-side] [--seed N]
-//!     [--learnt FILE] [--out FILE]
+//!     [--learnt FILE] [--out FILE] [--measurements NAME,NAME]
 //! ```
 //!
 //! `--learnt` takes discrepancies of the example `discrepancies` in the place of the built-in ones.
+//!
+//! `--measurements` keeps these of the further measurements (`none` for none of them); without it all are used.
 //!
 //! It writes one JSON line per case to standard output and the table to standard error. With
 //! `--out` the lines go to a file, and cases that the file already contains are skipped, so that a
@@ -13,6 +15,7 @@
 //! `--part development` selects the 24 cases with which the search was developed, `--part aside`
 //! all others.
 
+#[allow(dead_code)]
 mod load;
 mod score;
 
@@ -32,6 +35,7 @@ struct Arguments {
     seed: u64,
     out: Option<PathBuf>,
     learnt: Learnt,
+    measurements: Option<Vec<String>>,
 }
 
 fn arguments() -> Result<Arguments, String> {
@@ -48,6 +52,7 @@ fn arguments() -> Result<Arguments, String> {
         seed: 1,
         out: None,
         learnt: Learnt::healthy_hearts(),
+        measurements: None,
     };
     while let Some(flag) = all.next() {
         let mut value = || all.next().ok_or(format!("{flag} needs a value"));
@@ -60,6 +65,9 @@ fn arguments() -> Result<Arguments, String> {
                 let path = value()?;
                 let text = std::fs::read_to_string(&path).map_err(|e| format!("{path}: {e}"))?;
                 parsed.learnt = serde_json::from_str(&text).map_err(|e| format!("{path}: {e}"))?;
+            }
+            "--measurements" => {
+                parsed.measurements = Some(value()?.split(',').map(str::to_owned).collect());
             }
             "--part" => parsed.part = Some(value()?),
             "--no-side" => parsed.side = false,
@@ -138,6 +146,9 @@ fn run() -> Result<(), String> {
         let mut measured = load::measured(&arguments.folder.join("patients").join(id))?;
         if !arguments.side {
             measured.side = Default::default();
+        }
+        if let Some(kept) = &arguments.measurements {
+            load::keep(&mut measured, kept);
         }
         let begin = Instant::now();
         let answer = std::panic::catch_unwind(|| {

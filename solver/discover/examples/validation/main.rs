@@ -19,9 +19,10 @@ mod folder;
 mod load;
 mod self_consistent;
 mod source;
+#[allow(dead_code)]
 mod visibility;
 
-use cardiotwin_validation::{Hearts, Plan, PlannedCase};
+use cardiotwin_validation::{Hearts, Measurement, Plan, PlannedCase};
 use rayon::prelude::*;
 use source::Source;
 use std::path::PathBuf;
@@ -35,11 +36,12 @@ struct Arguments {
     seed: u64,
     jobs: usize,
     visibility: bool,
+    measurements: Vec<Measurement>,
 }
 
 fn arguments() -> Result<Arguments, String> {
     let mut all = std::env::args().skip(1);
-    let usage = "usage: validation FOLDER [--model other|sarcomeres|same | --beats FILE] [--nulls N] [--singles N] [--doubles N] [--off N] [--extremes N] [--seed N]";
+    let usage = "usage: validation FOLDER [--model other|sarcomeres|same | --beats FILE] [--nulls N] [--singles N] [--doubles N] [--off N] [--extremes N] [--seed N] [--measurements NAME,NAME]";
     let folder = all.next().ok_or(usage)?;
     let mut parsed = Arguments {
         folder: folder.into(),
@@ -48,6 +50,7 @@ fn arguments() -> Result<Arguments, String> {
         seed: 1,
         jobs: 2,
         visibility: true,
+        measurements: Vec::new(),
     };
     while let Some(flag) = all.next() {
         if flag == "--no-visibility" {
@@ -77,6 +80,7 @@ fn arguments() -> Result<Arguments, String> {
             "--extremes" => parsed.sets.push((Plan::Extremes, number()?)),
             "--seed" => parsed.seed = number()? as u64,
             "--jobs" => parsed.jobs = number()?,
+            "--measurements" => parsed.measurements = kinds(&value)?,
             _ => return Err(format!("unknown argument {flag} {value}\n{usage}")),
         }
     }
@@ -88,6 +92,16 @@ fn arguments() -> Result<Arguments, String> {
         return Err("--extremes: extreme hearts are made with --model other".to_owned());
     }
     Ok(parsed)
+}
+
+/// Kinds of further measurements by their names; `all` for all of them.
+fn kinds(names: &str) -> Result<Vec<Measurement>, String> {
+    if names == "all" {
+        return Ok(Measurement::ALL.map(|(kind, _)| kind).to_vec());
+    }
+    let known = Measurement::ALL.map(|(_, name)| name).join(", ");
+    let kind = |name| Measurement::named(name).ok_or(format!("--measurements {name}: {known}"));
+    names.split(',').map(kind).collect()
 }
 
 fn main() -> ExitCode {
@@ -131,7 +145,12 @@ fn run() -> Result<(), String> {
             );
             return Ok(());
         };
-        folder::write(&arguments.folder, &planned.id, &case)?;
+        let Some(further) = (arguments.source).further(planned, &case, &arguments.measurements)
+        else {
+            eprintln!("{}: no further measurements; left out", planned.id);
+            return Ok(());
+        };
+        folder::write(&arguments.folder, &planned.id, &case, &further)?;
         labels
             .lock()
             .expect("no thread has panicked")

@@ -2,7 +2,7 @@
 
 use crate::self_consistent;
 use cardiotwin_validation::simulated::{self, SimulatedBeat};
-use cardiotwin_validation::{Case, Hearts, PlannedCase};
+use cardiotwin_validation::{Case, Further, Hearts, Measurement, PlannedCase};
 
 /// Model that makes the beats.
 pub enum Source {
@@ -50,5 +50,21 @@ impl Source {
                 .find(|beat| beat.case == planned.id && beat.seed == planned.seed())
                 .map(|beat| planned.measure(beat)),
         }
+    }
+
+    /// Further measurements of a case; `None` if the source has no beats for them.
+    pub fn further(
+        &self,
+        planned: &PlannedCase,
+        case: &Case,
+        wanted: &[Measurement],
+    ) -> Option<Further> {
+        let beats = match self {
+            _ if wanted.is_empty() => return Some(Further::default()),
+            Self::Loop(_) => planned.beats(case, wanted)?,
+            Self::Fitted => self_consistent::beats(planned, case, wanted)?,
+            Self::Beats(_) => return None,
+        };
+        Some(planned.further(case, &beats, wanted))
     }
 }

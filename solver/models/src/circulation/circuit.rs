@@ -191,12 +191,21 @@ impl Circulation {
     /// Indices of the paths from the compartment with this name into the ventricle.
     #[must_use]
     pub fn paths_back_from(&self, compartment: &str) -> Vec<usize> {
-        let from = |c: &Connection| {
-            c.direction == Direction::IntoVentricle
-                && self.compartments[c.compartment_idx].name() == compartment
+        self.paths(compartment, Direction::IntoVentricle)
+    }
+
+    /// Indices of the paths out of the ventricle to the compartment with this name.
+    #[must_use]
+    pub fn paths_out_to(&self, compartment: &str) -> Vec<usize> {
+        self.paths(compartment, Direction::OutOfVentricle)
+    }
+
+    fn paths(&self, compartment: &str, direction: Direction) -> Vec<usize> {
+        let between = |c: &Connection| {
+            c.direction == direction && self.compartments[c.compartment_idx].name() == compartment
         };
         (0..self.connections.len())
-            .filter(|idx| from(&self.connections[*idx]))
+            .filter(|idx| between(&self.connections[*idx]))
             .collect()
     }
 

@@ -7,6 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
 use crate::circulation::{Circulation, Direction, Orifice};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of aortic regurgitation.
 pub const EFFECT: Effect = Effect {
@@ -52,8 +53,8 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["mitral_regurgitation", "atrial_kick", "pressure_offset"],
     separated_by: &[
-        "aortic flow by flow MRI (backward flow in diastole)",
-        "cuff pulse pressure",
+        Measurement::AorticFlow.words(),
+        Measurement::Cuff.words(),
         "colour Doppler of the aortic valve",
     ],
     prior_odds: ONE_OF_MANY,

@@ -8,6 +8,7 @@ use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTIC_VALVE;
 use crate::circulation::valve::Inertia;
 use crate::circulation::{Circulation, FlowPath, TimeStep};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of aortic stenosis.
 pub const EFFECT: Effect = Effect {
@@ -47,9 +48,9 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["wave_reflection", "dyssynchrony"],
     separated_by: &[
-        "aortic or arm cuff pressure (systolic)",
+        Measurement::AorticPressure.words(),
+        Measurement::Cuff.words(),
         "jet velocity by Doppler",
-        "catheter pull-back",
     ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,

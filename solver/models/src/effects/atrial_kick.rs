@@ -6,6 +6,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::LEFT_ATRIUM;
 use crate::circulation::{Circulation, Compartment, TimeStep};
+use cardiotwin_vocabulary::measurements::Measurement;
 use std::f64::consts::PI;
 
 /// Catalogue entry of the atrial kick.
@@ -71,8 +72,8 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["aortic_regurgitation", "viscoelasticity", "pv_misalignment"],
     separated_by: &[
-        "atrial or wedge pressure",
-        "mitral inflow by Doppler or flow MRI (A-wave)",
+        Measurement::AtrialPressure.words(),
+        Measurement::MitralFlow.words(),
         "electrocardiogram (P-wave)",
     ],
     prior_odds: 10.0,

@@ -6,6 +6,7 @@ use super::declaration::{
     Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
+use cardiotwin_vocabulary::measurements::Measurement;
 use std::f64::consts::TAU;
 
 /// Catalogue entry of the catheter response.
@@ -66,6 +67,8 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["pv_misalignment", "delayed_relaxation", "dyssynchrony"],
     separated_by: &[
+        Measurement::ValveTimes.words(),
+        Measurement::Qrs.words(),
         "flush test of the catheter",
         "a catheter with its sensor at the tip",
     ],

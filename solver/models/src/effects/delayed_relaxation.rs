@@ -6,6 +6,7 @@ use super::declaration::{
 };
 use super::{EffectError, Surroundings};
 use crate::contraction::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the delayed relaxation.
 pub const EFFECT: Effect = Effect {
@@ -59,9 +60,9 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["dyssynchrony", "catheter_response", "viscoelasticity"],
     separated_by: &[
-        "a catheter with its sensor at the tip",
+        Measurement::ValveTimes.words(),
+        Measurement::Qrs.words(),
         "tissue Doppler (e')",
-        "strain imaging: late parts of the wall",
     ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,

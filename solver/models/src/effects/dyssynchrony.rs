@@ -6,6 +6,7 @@ use super::declaration::{
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::ActivationGroups;
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of dyssynchrony.
 pub const EFFECT: Effect = Effect {
@@ -58,8 +59,8 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["delayed_relaxation", "catheter_response"],
     separated_by: &[
-        "electrocardiogram (width of QRS)",
-        "strain imaging: late parts of the wall",
+        Measurement::Qrs.words(),
+        Measurement::ValveTimes.words(),
         "an activation map",
     ],
     prior_odds: ONE_OF_MANY,

@@ -7,6 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::LEFT_ATRIUM;
 use crate::circulation::{Circulation, Direction, Orifice};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of mitral regurgitation.
 pub const EFFECT: Effect = Effect {
@@ -46,9 +47,9 @@ pub const EFFECT: Effect = Effect {
         "pv_misalignment",
     ],
     separated_by: &[
-        "forward stroke volume by flow MRI",
+        Measurement::MitralFlow.words(),
+        Measurement::ForwardStrokeVolume.words(),
         "colour Doppler of the mitral valve",
-        "atrial or wedge pressure (v-wave)",
     ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,

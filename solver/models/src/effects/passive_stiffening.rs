@@ -7,6 +7,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::ventricle::PassiveLaw as _;
 use cardiotwin_units::Ml;
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of passive stiffening.
 pub const EFFECT: Effect = Effect {
@@ -41,7 +42,7 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["pericardial_constraint", "atrial_kick", "pressure_offset"],
     separated_by: &[
-        "end-diastolic pressures and volumes at several loads (caval occlusion)",
+        Measurement::Loaded.words(),
         "fibrosis imaging (T1, extracellular volume)",
     ],
     prior_odds: ONE_OF_MANY,

@@ -6,6 +6,7 @@ use super::declaration::{
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the pericardial constraint.
 pub const EFFECT: Effect = Effect {
@@ -53,8 +54,8 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["pressure_offset", "passive_stiffening", "viscoelasticity"],
     separated_by: &[
+        Measurement::Loaded.words(),
         "right-atrial pressure",
-        "right-ventricular pressure (equal diastolic pressures)",
         "volumes of the other chambers",
     ],
     prior_odds: ONE_OF_MANY,

@@ -6,6 +6,7 @@ use super::declaration::{
     Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the pressure offset.
 pub const EFFECT: Effect = Effect {
@@ -44,9 +45,9 @@ pub const EFFECT: Effect = Effect {
         "passive_stiffening",
     ],
     separated_by: &[
-        "cuff pressure",
+        Measurement::AtrialPressure.words(),
+        Measurement::Cuff.words(),
         "zero of the transducer before and after",
-        "atrial or wedge pressure",
     ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,

@@ -6,6 +6,7 @@ use super::declaration::{
     Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces, delay};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the pressure-volume misalignment.
 pub const EFFECT: Effect = Effect {
@@ -50,8 +51,9 @@ pub const EFFECT: Effect = Effect {
         "atrial_kick",
     ],
     separated_by: &[
+        Measurement::ValveTimes.words(),
+        Measurement::Strain.words(),
         "electrocardiogram recorded with both traces",
-        "pressure and volume from one conductance catheter",
     ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,

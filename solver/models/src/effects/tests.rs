@@ -5,6 +5,7 @@ use crate::beat::{BeatOutcome, BeatSettings, Beats, run_beats};
 use crate::periodic::{FitSubject, PeriodicBeat, PeriodicSettings, find as find_periodic};
 use crate::ventricle::Ventricle;
 use cardiotwin_units::{Ml, Ms};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 const CYCLE: Ms = Ms(800.0);
 const STEP: Ms = Ms(1.0);
@@ -83,6 +84,10 @@ fn catalogue_is_complete() {
             !effect.marks.is_empty() && !effect.separated_by.is_empty(),
             "{name}"
         );
+        // Stress across the fibre has no trace in a ventricle of one fibre, whatever is measured.
+        let is_read = |words: &&str| Measurement::of_words(words).is_some();
+        let has_one = effect.separated_by.iter().any(is_read);
+        assert_eq!(has_one, name != "cross_fibre_stress", "{name}");
         assert!(
             effect
                 .confused_with

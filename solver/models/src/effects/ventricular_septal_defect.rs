@@ -6,6 +6,7 @@ use super::declaration::{
 };
 use super::{EffectError, Surroundings};
 use crate::circulation::{Circulation, Compartment, Direction, Orifice, TimeStep};
+use cardiotwin_vocabulary::measurements::Measurement;
 use std::f64::consts::PI;
 
 /// Catalogue entry of the ventricular septal defect.
@@ -76,8 +77,9 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["mitral_regurgitation", "volume_scaling"],
     separated_by: &[
+        Measurement::MitralFlow.words(),
+        Measurement::AorticFlow.words(),
         "colour Doppler of septum and mitral valve",
-        "flow MRI of aorta and pulmonary artery (Qp/Qs)",
         "right-ventricular oxygen saturation",
     ],
     prior_odds: ONE_OF_MANY / 3.0,

@@ -6,6 +6,7 @@ use super::declaration::{
 };
 use super::{EffectError, Surroundings};
 use crate::ventricle::CavityPressureTerm;
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of viscoelasticity.
 pub const EFFECT: Effect = Effect {
@@ -63,8 +64,8 @@ pub const EFFECT: Effect = Effect {
         "delayed_relaxation",
     ],
     separated_by: &[
-        "mitral inflow by Doppler with atrial pressure",
-        "filling at two heart rates",
+        Measurement::MitralFlow.words(),
+        Measurement::Loaded.words(),
         "tissue Doppler (e')",
     ],
     prior_odds: ONE_OF_MANY,

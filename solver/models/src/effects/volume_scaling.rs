@@ -6,6 +6,7 @@ use super::declaration::{
     Signal,
 };
 use super::measurement::{MeasurementTerm, PeriodicTraces};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the volume scaling.
 pub const EFFECT: Effect = Effect {
@@ -40,8 +41,9 @@ pub const EFFECT: Effect = Effect {
     ],
     confused_with: &["mitral_regurgitation", "ventricular_septal_defect"],
     separated_by: &[
-        "forward stroke volume by flow MRI",
-        "volume of a whole-heart image",
+        Measurement::ForwardStrokeVolume.words(),
+        Measurement::WholeHeartVolume.words(),
+        Measurement::AorticFlow.words(),
     ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,

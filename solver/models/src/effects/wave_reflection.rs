@@ -8,6 +8,7 @@ use super::declaration::{
 use super::{EffectError, Surroundings};
 use crate::circulation::left_heart::AORTA;
 use crate::circulation::{ArterialJunction, Circulation, SplitWindkessel};
+use cardiotwin_vocabulary::measurements::Measurement;
 
 /// Catalogue entry of the wave reflection.
 pub const EFFECT: Effect = Effect {
@@ -76,7 +77,10 @@ pub const EFFECT: Effect = Effect {
         },
     ],
     confused_with: &["aortic_stenosis", "dyssynchrony"],
-    separated_by: &["aortic pressure trace", "aortic flow trace by flow MRI"],
+    separated_by: &[
+        Measurement::AorticPressure.words(),
+        Measurement::AorticFlow.words(),
+    ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::AsItIs,
     hidden_because: Some(

@@ -11,7 +11,7 @@ pub mod base;
 
 pub use base::{BASE_PARAMETERS, BaseParameter, FitSubject};
 
-use crate::circulation::left_heart::{AORTA, AORTIC_VALVE, MITRAL_VALVE};
+use crate::circulation::left_heart::{AORTA, AORTIC_VALVE, LEFT_ATRIUM, MITRAL_VALVE};
 use crate::effects::{Assembled, PeriodicTraces};
 use crate::ventricle::{Ventricle, VentricleError};
 use acceleration::Acceleration;
@@ -58,8 +58,11 @@ pub struct PeriodicBeat {
     pub aortic_flow_ml_per_s: Vec<f64>,
     /// Net volume through the aortic root in a cycle \[mL\]: through the valve less what leaks back.
     pub forward_volume_ml: f64,
-    /// Flow through the mitral valve \[mL/s\] at the same times, positive into the ventricle.
+    /// Flow through the mitral valve \[mL/s\] at the same times, positive into the ventricle, less
+    /// what leaks back.
     pub mitral_flow_ml_per_s: Vec<f64>,
+    /// Pressure of the left atrium \[mmHg\] at the same times.
+    pub atrial_pressure_mmhg: Vec<f64>,
     /// Start of a later search, with its secants.
     pub orbit: Orbit,
     /// Largest change of a state over this beat.
@@ -157,11 +160,15 @@ struct Recorder {
     aortic_pressure_mmhg: Vec<f64>,
     aortic_flow_ml_per_s: Vec<f64>,
     mitral_flow_ml_per_s: Vec<f64>,
+    atrial_pressure_mmhg: Vec<f64>,
     aorta: Option<usize>,
+    atrium: Option<usize>,
     aortic_valve: Option<usize>,
     mitral_valve: Option<usize>,
     /// Paths that carry blood back from the aorta.
     aortic_leaks: Vec<usize>,
+    /// Paths that carry blood back to the atrium.
+    mitral_leaks: Vec<usize>,
     steps: usize,
 }
 
@@ -178,10 +185,13 @@ impl Recorder {
             aortic_pressure_mmhg: vec![0.0; steps],
             aortic_flow_ml_per_s: vec![0.0; steps],
             mitral_flow_ml_per_s: vec![0.0; steps],
+            atrial_pressure_mmhg: vec![0.0; steps],
+            atrium: circulation.compartment_idx(LEFT_ATRIUM),
             aorta: circulation.compartment_idx(AORTA),
             aortic_valve: circulation.path_idx(AORTIC_VALVE),
             mitral_valve: circulation.path_idx(MITRAL_VALVE),
             aortic_leaks: circulation.paths_back_from(AORTA),
+            mitral_leaks: circulation.paths_out_to(LEFT_ATRIUM),
             steps,
         }
     }
@@ -207,7 +217,14 @@ impl Recorder {
                         .map(|idx| circulation.flow(*idx).0)
                         .sum::<f64>();
             self.mitral_flow_ml_per_s[i] =
-                self.mitral_valve.map_or(0.0, |idx| circulation.flow(idx).0);
+                self.mitral_valve.map_or(0.0, |idx| circulation.flow(idx).0)
+                    - self
+                        .mitral_leaks
+                        .iter()
+                        .map(|idx| circulation.flow(*idx).0)
+                        .sum::<f64>();
+            self.atrial_pressure_mmhg[i] =
+                self.atrium.map_or(0.0, |idx| circulation.pressure(idx).0);
         }
         Ok(())
     }
@@ -220,6 +237,7 @@ impl Recorder {
             aortic_pressure_mmhg: self.aortic_pressure_mmhg,
             aortic_flow_ml_per_s: self.aortic_flow_ml_per_s,
             mitral_flow_ml_per_s: self.mitral_flow_ml_per_s,
+            atrial_pressure_mmhg: self.atrial_pressure_mmhg,
             orbit,
             change,
             periodic,

@@ -57,6 +57,11 @@ pub(super) fn of_pressure(source: Source, cycle_length: f64, problems: &mut Vec<
     cover(source, PRESSURE_SAMPLES, cycle_length, problems);
 }
 
+/// Whether a trace of frames other than the volume covers the cycle.
+pub(super) fn of_frames(source: Source, cycle_length: f64, problems: &mut Vec<Problem>) {
+    cover(source, VOLUME_SAMPLES, cycle_length, problems);
+}
+
 struct Cover {
     /// Time covered: from the first sample to one step after the last, or to the last if that closes the cycle, ms.
     length_ms: f64,

@@ -6,6 +6,7 @@
 //! [`crate::read`].
 
 mod coverage;
+mod further;
 mod measured;
 mod pressure_volume;
 mod range;
@@ -16,6 +17,7 @@ use crate::Problem;
 use cardiotwin_units::Ms;
 use measured::extremes;
 
+pub use further::{FurtherTrace, check_further};
 pub use measured::{Measured, MeasuredVolume, Source};
 
 /// All problems of a patient's measured data, errors first.

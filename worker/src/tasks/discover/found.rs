@@ -52,9 +52,9 @@ pub fn result(
         series: found.series,
         seed: settings.seed,
         settings: search,
-        data: [&spec.pressure, &spec.volume]
+        data: (spec.files().into_iter())
             .map(|f| (f.name.clone(), f.sha256.clone()))
-            .into(),
+            .collect(),
     })
 }
 

@@ -8,6 +8,7 @@ use cardiotwin_signals::resample::STEP;
 use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace, resample};
 use cardiotwin_units::Ms;
 
+use super::further;
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
@@ -95,9 +96,12 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
                 time_ms: image.time_ms,
                 volume: uncertain(image.volume_ml, image.sd_ml, IMAGE_SD * image.volume_ml),
             }),
+            valve_times: further::valve_times(spec),
+            qrs_ms: further::qrs(spec),
         },
         wall_volume,
         given: given_loads(spec),
+        further: further::read(spec)?,
     };
     data.validate()
         .map_err(|error| TaskError::Discover(error.into()))?;
@@ -139,7 +143,7 @@ fn given_loads(spec: &DiscoverSpec) -> GivenLoads {
 
 /// Removes samples after the end of the cycle, which belong to the next beat or repeat the first
 /// sample.
-fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
+pub(super) fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
     let n = trace.time_ms().partition_point(|t| *t < cycle_ms - 1e-6);
     let (quantity, times, values) = (
         trace.quantity(),
@@ -154,7 +158,7 @@ fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
 
 /// Reduces a trace that was interpolated between frames to as many samples as there were frames,
 /// because it holds no more information.
-fn frames(volume: Trace, n_frames: Option<u32>) -> Result<Trace, TaskError> {
+pub(super) fn frames(volume: Trace, n_frames: Option<u32>) -> Result<Trace, TaskError> {
     let n = volume.n_samples();
     let Some(n_frames) = n_frames
         .map(|frames| frames as usize)

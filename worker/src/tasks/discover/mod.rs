@@ -2,6 +2,7 @@
 //! answer in the schema's form.
 
 mod found;
+mod further;
 mod indices;
 mod measured;
 mod model;
@@ -11,10 +12,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
-use cardiotwin_discover::forward::{Candidate, Forward, Prediction, Request};
+use cardiotwin_discover::forward::{Candidate, Forward, Orbits, Prediction, Request};
 use cardiotwin_discover::parameter::Parameter;
 use cardiotwin_discover::{Reduced, Settings, discover};
-use cardiotwin_models::periodic::Orbit;
 use cardiotwin_schemas::discover::{DiscoverSpec, SearchSettings};
 use cardiotwin_schemas::outcome::TaskResult;
 
@@ -97,7 +97,7 @@ impl Forward for Watched {
         self.model.candidates()
     }
 
-    fn predict(&self, request: &Request<'_>, warm: Option<&Orbit>) -> Option<Prediction> {
+    fn predict(&self, request: &Request<'_>, warm: Option<&Orbits>) -> Option<Prediction> {
         if self.stop.is_raised() {
             return None;
         }
@@ -139,6 +139,10 @@ mod tests {
             aortic_pressure: file.measured.aortic_pressure,
             forward_stroke_volume: file.measured.forward_stroke_volume,
             diastasis: file.measured.diastasis,
+            traces: Vec::new(),
+            valve_times: None,
+            qrs: None,
+            loaded: Vec::new(),
             wall_volume_ml: file.anatomy.wall_volume_ml,
             left_atrial_pressure_mmhg: Some(8.0),
             afterload: None,
