@@ -2,7 +2,7 @@
 //! opposite the septum.
 
 use cardiotwin_mesh::landmarks::Landmarks;
-use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
+use cardiotwin_mesh::tet_mesh::TetMesh;
 use cardiotwin_mesh::vec3::{Vec3, cross, dot, scale, sub};
 use cardiotwin_models::effects::LatePart;
 
@@ -45,10 +45,7 @@ impl LateSector {
 
     fn of_anatomy(mesh: &TetMesh) -> Option<Self> {
         let marks = Landmarks::of(mesh)?;
-        let septum = marks
-            .towards(mesh, surface_names::SEPTUM)
-            .or_else(|| marks.towards(mesh, surface_names::RIGHT_VENTRICLE))?;
-        let lateral = scale(septum, -1.0);
+        let lateral = scale(marks.towards_septum(mesh)?, -1.0);
         Some(Self {
             lateral,
             around: cross(marks.axis, lateral),
@@ -75,6 +72,7 @@ impl LateSector {
 mod tests {
     use super::*;
     use cardiotwin_mesh::ellipsoid::{EllipsoidSpec, generate};
+    use cardiotwin_mesh::tet_mesh::surface_names;
     use cardiotwin_units::Ml;
 
     const LATE: LatePart = LatePart {
