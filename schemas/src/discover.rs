@@ -217,9 +217,45 @@ pub struct DiscoverCase {
     /// personalised the patient.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<RunMisses>,
+    /// The gap on the patient's finite-element ventricle, if it was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub finite_element: Option<FiniteElementGap>,
     /// Result of the search.
     #[serde(flatten)]
     pub found: Discovered,
+}
+
+/// The gap that the patient's finite-element ventricle leaves without and with the accepted effects.
+/// Step 1 personalises it for both.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct FiniteElementGap {
+    /// Number of nodes of the mesh.
+    pub nodes: u64,
+    /// Beat of step 1 without the effects.
+    pub before: FiniteElementBeat,
+    /// Beat of step 1 with the effects.
+    pub after: FiniteElementBeat,
+    /// Residuals by signal and phase over the noise of the search, with the phases of the search.
+    pub gaps: Vec<GapAt>,
+    /// Curves for figures. Corrections of the data are added to the simulated values after them.
+    pub series: DiscoverSeries,
+}
+
+/// A beat of the finite-element ventricle beside the measured traces.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct FiniteElementBeat {
+    /// Key of the task that simulated it.
+    pub task: String,
+    /// Cost of the beat by the formula of step 1.
+    pub cost: f64,
+    /// Root mean square of the pressure's residuals over the whole beat.
+    #[serde(rename = "pressure_rms_mmHg")]
+    pub pressure_rms_mmhg: f64,
+    /// Root mean square of the volume's residuals over the whole beat.
+    #[serde(rename = "volume_rms_mL")]
+    pub volume_rms_ml: f64,
 }
 
 /// Differences between beats of a personalised patient and the measured traces.

@@ -93,7 +93,7 @@ pub struct WallSettings {
     /// Stress tensor along the fibre that the contraction model's stress enters.
     pub active_convention: ActiveConvention,
     /// Share of the active stress that acts along the sheet, in addition to the stress along the
-    /// fibre. Shares of effects are added to it.
+    /// fibre.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub cross_fibre_share: f64,
     /// Ratio of the contraction's duration at the epicardium to that at the endocardium; linear in
@@ -101,7 +101,8 @@ pub struct WallSettings {
     #[schemars(extend("minimum" = 0.5, "maximum" = 2.0))]
     pub epicardial_duration_share: f64,
     /// Share of the active stress that acts along the normal of the sheet. Where sheets are
-    /// transmural, this direction lies across the fibre in the plane of the wall.
+    /// transmural, this direction lies across the fibre in the plane of the wall. Shares of effects
+    /// are added to it.
     #[schemars(extend("minimum" = 0.0, "maximum" = 1.0))]
     pub sheet_normal_share: f64,
     /// Shear modulus of the aortic root and of all passive tissue without an entry in `passive`.

@@ -242,6 +242,76 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
     assert!(bytes() == as_measured, "what was measured was changed");
 }
 
+/// The finite-element ventricle is simulated without and with what is named. A second call repeats
+/// nothing, and what the search found is kept.
+#[test]
+fn the_gap_in_3d_is_shown_before_and_after() {
+    let folder = tempfile::tempdir().unwrap();
+    copy(&case("dev-019"), &folder.path().join("patients/dev-019"));
+    let settings = "name = \"one\"\n[solver]\ntime_step_ms = 2.0\n[step1]\nmax_iterations = 3\n[step2]\npopsize = 3\nmax_generations = 2\npolish = false\n";
+    fs::write(folder.path().join("cohort.toml"), settings).unwrap();
+    let search = [
+        "discover",
+        ".",
+        "--effects",
+        "atrial_kick",
+        "--json",
+        "found.json",
+    ];
+    let in_3d = [&search[..], &["--in-3d", "--mesh-nodes", "500"]].concat();
+    let said = cardiotwin(folder.path(), &in_3d).expect(0);
+    assert!(said.out.contains("TRACE IN 3D"), "{}", said.out);
+    let found = json(&folder.path().join("found.json"));
+    assert_eq!(
+        misfits(&found, &schema("discover-cohort.schema.json")),
+        Vec::<String>::new()
+    );
+    let gap = &found["dev-019"]["finite_element"];
+    let rms = |beat: &str, trace: &str| gap[beat][trace].as_f64().unwrap();
+    let volume = ["before", "after"].map(|beat| rms(beat, "volume_rms_mL"));
+    assert!(volume[1] < 0.8 * volume[0], "{volume:?}");
+    assert!(rms("before", "pressure_rms_mmHg") > 0.0);
+    let rows = gap["gaps"].as_array().unwrap();
+    assert!(
+        rows.iter()
+            .any(|row| row["phase"] == "atrial_systole" && row["signal"] == "volume")
+    );
+    let report = fs::read_to_string(folder.path().join("discover/report.html")).unwrap();
+    assert!(report.contains("On the finite-element ventricle"));
+
+    let run = folder.path().join("discover/in-3d");
+    let done = outcomes(&run);
+    assert!(!done.is_empty());
+    cardiotwin(folder.path(), &in_3d).expect(0);
+    assert_eq!(outcomes(&run), done);
+    assert_eq!(json(&folder.path().join("found.json")), found);
+    cardiotwin(folder.path(), &search).expect(0);
+    assert_eq!(json(&folder.path().join("found.json")), found);
+}
+
+/// What cannot act is refused before anything is computed.
+#[test]
+fn an_accepted_effect_that_cannot_act_in_3d_is_refused_before_the_run() {
+    let cohort = Cohort::quick_of("03-CoA");
+    let model = "version = 1\npatient = \"03-CoA\"\nwritten = \"2026-01-01T00:00:00.000Z\"\n[from]\n[[effects]]\n\
+                 name = \"passive_stiffening\"\nparameters = { exponent_factor = 2.0 }\n";
+    fs::write(cohort.path().join("patients/03-CoA/model.toml"), model).unwrap();
+    let in_3d = [
+        "--set",
+        "solver.fidelity=finite-element",
+        "--set",
+        "solver.finite_element.wall.muscle_law=neo-hookean",
+    ];
+    for command in ["check", "run"] {
+        let said = cohort.call(&[&[command][..], &in_3d].concat());
+        assert_ne!(said.code, 0, "{command}");
+        let all = format!("{}{}", said.out, said.err);
+        let why = "passive_stiffening cannot act in a finite-element ventricle";
+        assert!(all.contains(why), "{all}");
+    }
+    assert!(!cohort.run_dir().join("attempts").exists());
+}
+
 /// An artefact corrects the traces from which step 0 takes its biomarkers.
 #[test]
 fn an_accepted_artefact_corrects_the_data() {

@@ -68,6 +68,7 @@ impl Ventricle {
             set: settings,
             overrides,
             meshes: true,
+            unaccepted: false,
         };
         let plan = plan(folders, &options, record.as_ref(), talk)?;
         let (passive, scratch) = passive_state(&plan, record.as_ref(), worker)?;

@@ -28,6 +28,7 @@ pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
         summary: paragraph::summary(found),
         task: task.to_owned(),
         run: None,
+        finite_element: None,
         found: found.clone(),
     }
 }
@@ -70,6 +71,15 @@ pub fn read_cases(run_dir: &Path) -> Option<DiscoverCases> {
         Some((name, DISCOVER_CASE.read(&path.display(), &case).ok()?))
     };
     cases.into_iter().map(case).collect()
+}
+
+/// Takes the gaps on the finite-element ventricle from an earlier answer of the same searches.
+pub fn keep_finite_element(earlier: Option<DiscoverCases>, cases: &mut DiscoverCases) {
+    for (name, was) in earlier.unwrap_or_default() {
+        if let Some(case) = cases.get_mut(&name).filter(|case| case.task == was.task) {
+            case.finite_element = was.finite_element;
+        }
+    }
 }
 
 /// Cases that an earlier search left in the cohort's folder; `None` if there are none.

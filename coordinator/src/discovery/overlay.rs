@@ -1,6 +1,7 @@
 //! `model.toml` beside `patient.toml`: versions of the effects accepted for a patient.
 //! `patient.toml` and traces stay as they are.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -70,23 +71,38 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
         return Ok(Change::Nothing);
     }
     let current = current(folder)?;
-    let from = [("discover".to_owned(), case.task.clone())].into();
     if let Some(current) = &current
-        && current.from == from
+        && current.from == from(case)
         && current.accepted.is_some()
     {
         return Ok(Change::Same(current.version));
     }
+    let before = current.as_ref().map(|current| current.version);
+    let overlay = ModelOverlay {
+        version: kept_versions(folder).max(before.unwrap_or(0)) + 1,
+        written: now.to_owned(),
+        ..proposed(case, before)
+    };
+    keep(folder, current.as_ref())?;
+    write(folder, &overlay)
+}
+
+/// The model with the accepted effects of a search, as the first version of the patient's file.
+///
+/// - `before`: version that is current so far
+#[must_use]
+pub fn proposed(case: &DiscoverCase, before: Option<u32>) -> ModelOverlay {
+    let found = &case.found;
     let evidence = found
         .findings
         .effects
         .iter()
         .filter(|effect| found.findings.accepted.contains(&effect.name));
-    let overlay = ModelOverlay {
-        version: kept_versions(folder).max(current.as_ref().map_or(0, |c| c.version)) + 1,
+    ModelOverlay {
+        version: 1,
         patient: case.case.clone(),
-        written: now.to_owned(),
-        from,
+        written: String::new(),
+        from: from(case),
         afterload: Some(found.model.afterload),
         left_atrial_pressure_mmhg: Some(found.model.left_atrial_pressure_mmhg),
         passive: Some(found.model.passive),
@@ -97,7 +113,7 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
         corrections: found.model.corrections.clone(),
         accepted: Some(Acceptance {
             program: env!("CARGO_PKG_VERSION").to_owned(),
-            before: current.as_ref().map(|c| c.version),
+            before,
             seed: found.seed,
             threshold: found.findings.threshold,
             p_value: found.findings.p_value,
@@ -117,9 +133,11 @@ pub fn accept(folder: &Path, case: &DiscoverCase, now: &str) -> Result<Change, O
                 })
                 .collect(),
         }),
-    };
-    keep(folder, current.as_ref())?;
-    write(folder, &overlay)
+    }
+}
+
+fn from(case: &DiscoverCase) -> BTreeMap<String, String> {
+    [("discover".to_owned(), case.task.clone())].into()
 }
 
 /// Undoes the last acceptance. The version before it becomes current again, under a new number.

@@ -9,6 +9,16 @@ const THREE_D: &str = "[solver]\nfidelity = \"finite-element\"\n";
 /// A cohort of one patient with Ambit's bi-ventricle and these lines about the right ventricle, and
 /// its problems.
 fn said(right: &str, settings: &str, trace: Option<&str>) -> (Option<Cohort>, Vec<String>) {
+    said_with("", right, settings, trace)
+}
+
+/// - `accepted`: content of `model.toml`
+fn said_with(
+    accepted: &str,
+    right: &str,
+    settings: &str,
+    trace: Option<&str>,
+) -> (Option<Cohort>, Vec<String>) {
     let mesh = "\n[anatomy.mesh]\nfile = \"ambit_biv\"\nunit = \"um\"\nleft_ventricle = [1]\n\
                 activation_sites_mm = [[-19.2, -1.7, -41.4]]\n";
     let folder = Folder::new(
@@ -28,6 +38,9 @@ fn said(right: &str, settings: &str, trace: Option<&str>) -> (Option<Cohort>, Ve
     ] {
         let name = format!("ambit_biv.{ending}");
         std::fs::copy(from.join(&name), patient.join(&name)).unwrap();
+    }
+    if !accepted.is_empty() {
+        std::fs::write(patient.join("model.toml"), accepted).unwrap();
     }
     if let Some(text) = trace {
         std::fs::write(patient.join("rv.csv"), text).unwrap();
@@ -51,6 +64,27 @@ fn trace(factor: f64) -> String {
         let _ = writeln!(text, "{t},{:.3}", factor * (5.0 + 20.0 * systole));
     }
     text
+}
+
+#[test]
+fn dyssynchrony_needs_a_mesh_that_shows_where_the_septum_is() {
+    let accepted = "version = 1\npatient = \"P1\"\nwritten = \"2026-01-01T00:00:00.000Z\"\n[from]\n[[effects]]\n\
+                    name = \"dyssynchrony\"\nparameters = { delay_ms = 60.0 }\n";
+    let right = table("surface = \"endo_rv\"\npressure_mmHg = 4");
+    let said_of_it = said_with(accepted, &right, "", None).1;
+    assert_eq!(said_of_it, Vec::<String>::new());
+    let refused = said_with(accepted, "", "", None).1;
+    let refused: Vec<String> = refused
+        .into_iter()
+        .filter(|said| said.contains("model.toml"))
+        .collect();
+    only(
+        &refused,
+        &[
+            "dyssynchrony cannot act",
+            "neither a surface `septum` nor a right ventricle",
+        ],
+    );
 }
 
 #[test]

@@ -15,6 +15,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::document::Document;
+use super::effects::Accepted;
 use super::layers::{Layer, Merged, Origin, place, position_of, positions};
 use super::nearest::nearest;
 use super::outside::{self, Bounds};
@@ -32,6 +33,9 @@ pub struct Options {
     pub set: Vec<String>,
     /// Whether patients' own meshes are read and checked, which takes seconds for large meshes.
     pub meshes: bool,
+    /// Whether the effects accepted for patients are left unread, as where they are searched anew or
+    /// undone.
+    pub unaccepted: bool,
 }
 
 /// A cohort as read from its folder.
@@ -62,6 +66,8 @@ pub struct Patient {
     pub file: PatientFile,
     /// Folder that holds patient.toml.
     pub folder: PathBuf,
+    /// The plan without anything accepted for the patient; `None` if the patient has errors.
+    pub measured: Option<ResolvedPatient>,
     /// The plan; `None` if the patient has errors.
     pub resolved: Option<ResolvedPatient>,
 }
@@ -139,6 +145,7 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
             of_cohort: &merged,
             folder: directory,
             meshes: options.meshes,
+            unaccepted: options.unaccepted,
         };
         let patient = load_patient(id, folder, &file, layers, &mut report);
         (patient, report)
@@ -158,8 +165,8 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     })
 }
 
-/// Reads and checks a patient's folder that may lie outside any cohort. Its id is the one in its
-/// file. Every problem goes to `report`. `None` if `patient.toml` cannot be read.
+/// Reads and checks a patient's folder that may lie outside any cohort, without the effects accepted
+/// for it. Its id is the one in its file. Every problem goes to `report`. `None` if `patient.toml` cannot be read.
 pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
     let own_id = || {
         let text = input_files::read_text(&folder.join("patient.toml"), MaxBytes::TEXT).ok()?;
@@ -204,6 +211,7 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
         of_cohort: &of_cohort,
         folder,
         meshes: false,
+        unaccepted: true,
     };
     load_patient(&id, folder, &file, layers, report).map(|(patient, _)| patient)
 }
@@ -236,6 +244,8 @@ struct Layers<'a> {
     folder: &'a Path,
     /// Whether meshes are read and checked, as in [`Options::meshes`].
     meshes: bool,
+    /// Whether accepted effects are left unread, as in [`Options::unaccepted`].
+    unaccepted: bool,
 }
 
 /// A patient, and the id in its file.
@@ -271,28 +281,40 @@ fn load_patient(
         Arc::new(settings)
     };
     patient::check_completeness(&file, &settings.settings, &document, report);
+    let overlay = (!layers.unaccepted)
+        .then(|| overlay(id, folder, report))
+        .flatten();
+    let accepted = overlay
+        .as_ref()
+        .map(|(overlay, document)| Accepted { overlay, document });
+    if let Some(accepted) = &accepted {
+        accepted.check(id, &settings.settings.solver, report);
+    }
     let folders = (folder, layers.folder);
     let bounds = Bounds::of([folder, layers.folder], cohort.allow_outside);
     let has_strays = outside::check(&file, folders, &settings, &bounds, &document, report);
     if !has_strays {
         data::check(&file, folder, &document, &cohort.defaults, report);
         if layers.meshes && settings.settings.solver.fidelity == Fidelity::FiniteElement {
-            mesh::check(&file, folder, &settings, &document, report);
+            mesh::check(
+                &file,
+                folder,
+                &settings,
+                &document,
+                accepted.as_ref(),
+                report,
+            );
         }
     }
-    let overlay = overlay(id, folder, report);
-    let resolved = if report.has_error_of(id) {
+    let measured = if report.has_error_of(id) {
         None
     } else {
-        resolve::resolve(
-            &file,
-            folders,
-            &cohort.defaults,
-            &settings.settings,
-            overlay.as_ref(),
-            report,
-        )
+        resolve::resolve(&file, folders, &cohort.defaults, &settings.settings, report)
     };
+    let resolved = measured.clone().map(|plan| match &overlay {
+        Some((overlay, _)) => resolve::with_overlay(plan, overlay),
+        None => plan,
+    });
     let positions = (document.file.clone(), positions(&document.root, ""));
     let named = file.id.clone();
     Some((
@@ -302,6 +324,7 @@ fn load_patient(
             positions,
             file,
             folder: folder.to_owned(),
+            measured,
             resolved,
         },
         named,
@@ -526,7 +549,7 @@ fn same_ids(patients: &[(Patient, String)], report: &mut Report) {
 }
 
 /// Reads `model.toml` beside `patient.toml`, which holds the effects accepted for this patient.
-fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<ModelOverlay> {
+fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<(ModelOverlay, Document)> {
     let path = folder.join("model.toml");
     if !path.exists() {
         return None;
@@ -548,5 +571,5 @@ fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<ModelOverlay>
                 .at(position_of(&document, "patient")),
         );
     }
-    Some(overlay)
+    Some((overlay, document))
 }

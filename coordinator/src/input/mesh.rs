@@ -17,6 +17,7 @@ use cardiotwin_signals::{BeatBiomarkers, Continuation, Problem, Quantity, Trace,
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::document::Document;
+use super::effects::Accepted;
 use super::layers::{Merged, position_of};
 use super::report::Report;
 
@@ -30,11 +31,14 @@ const GENERATED: [&str; 4] = [
 
 /// Reports every defect of the patient's mesh if its files exist. For a patient without a mesh,
 /// reports springs on surfaces that a generated mesh does not have.
+///
+/// - `accepted`: effects of the patient, which may need parts of the anatomy
 pub fn check(
     file: &PatientFile,
     folder: &Path,
     settings: &Merged,
     document: &Document,
+    accepted: Option<&Accepted<'_>>,
     report: &mut Report,
 ) {
     let start = settings.settings.solver.start;
@@ -95,6 +99,9 @@ pub fn check(
     let told_at = |problem: Problem, key: &str| problem.at_key(key).at(position_of(document, key));
     match intake::read(&path, &asked) {
         Ok(intake) => {
+            if let (Some(accepted), Some(patient)) = (accepted, patient) {
+                accepted.check_on_mesh(patient, &intake.mesh, report);
+            }
             for defect in &intake.defects {
                 if let Defect::NoFurther { name, .. } = defect
                     && key_of(defect, mesh) == SPRUNG

@@ -11,6 +11,7 @@ mod cohort;
 mod complaint;
 mod data;
 mod document;
+mod effects;
 mod external;
 mod further;
 #[cfg(test)]
@@ -32,9 +33,11 @@ mod tests;
 
 pub use cohort::{Cohort, Options, Patient, check_on_top, load, load_alone};
 pub use document::{Node, Tree, value_from_text};
+pub use effects::cannot_act_in_3d;
 pub use layers::{Layer, Merged, Origin};
 pub use mesh::problem as mesh_problem;
 pub use nearest::nearest;
 pub use raw::{PREPARE_TOML, RawFolder, read_raw};
 pub use report::{Finding, Report};
+pub use resolve::with_overlay;
 pub use search::specification;

@@ -24,7 +24,6 @@ pub fn resolve(
     (folder, cohort_folder): (&Path, &Path),
     defaults: &PatientDefaults,
     settings: &Shared<Settings>,
-    overlay: Option<&ModelOverlay>,
     report: &mut Report,
 ) -> Option<ResolvedPatient> {
     let mut hashed = |name: &str, file_name: &Option<String>| match file_name {
@@ -64,17 +63,13 @@ pub fn resolve(
             .as_ref()
             .and_then(|p| p.exponent)
             .or(defaults.passive_exponent),
-        // Effects and loads accepted for the patient belong together and replace the values in the
-        // files.
-        afterload: overlay.and_then(|o| o.afterload).or(file.afterload),
-        left_atrial_pressure_mmhg: overlay
-            .and_then(|o| o.left_atrial_pressure_mmhg)
-            .or_else(|| left_atrial_pressure(file, defaults)),
+        afterload: file.afterload,
+        left_atrial_pressure_mmhg: left_atrial_pressure(file, defaults),
         start: settings.solver.start,
         activation: settings.solver.activation,
         biomarker_factors: BTreeMap::new(),
-        passive_law: overlay.and_then(|o| o.passive),
-        corrections: overlay.map_or_else(Vec::new, |o| o.corrections.clone()),
+        passive_law: None,
+        corrections: Vec::new(),
         finite_element: None,
         own_mesh,
         guccione_c_kpa: file.passive.as_ref().and_then(|p| p.guccione_c_kpa),
@@ -88,8 +83,23 @@ pub fn resolve(
         noise: measured.noise.clone(),
         external_files,
         settings: settings.clone(),
-        effects: overlay.map_or_else(Vec::new, |o| o.effects.clone()),
+        effects: Vec::new(),
     })
+}
+
+/// The plan with what was accepted for the patient. Effects and loads belong together and replace the
+/// values in the files.
+#[must_use]
+pub fn with_overlay(mut plan: ResolvedPatient, overlay: &ModelOverlay) -> ResolvedPatient {
+    let step0 = &mut plan.step0;
+    step0.afterload = overlay.afterload.or(step0.afterload);
+    step0.left_atrial_pressure_mmhg = overlay
+        .left_atrial_pressure_mmhg
+        .or(step0.left_atrial_pressure_mmhg);
+    step0.passive_law = overlay.passive;
+    step0.corrections.clone_from(&overlay.corrections);
+    plan.effects.clone_from(&overlay.effects);
+    plan
 }
 
 /// A patient's own mesh with the hashes of its files.

@@ -115,6 +115,7 @@ fn settings_are_layered_per_patient_and_keep_their_origin() {
         set: vec!["step1.tolerance=0.05".into(), "step1.damping=0.95".into()],
         only: Vec::new(),
         meshes: false,
+        unaccepted: false,
     };
     let (cohort, said) = folder.load(&options);
     assert_eq!(said, Vec::<String>::new());

@@ -7,6 +7,7 @@ use maud::{Markup, html};
 
 use super::format::{fixed, significant};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, Series, SvgText};
+pub use crate::results::signals::at;
 use crate::results::{PatientView, SignalKind, Signals, Source, Step};
 
 /// Order in which lines are drawn; the measured one comes last and lies on top.
@@ -60,17 +61,6 @@ pub fn legend(entries: &[(&'static str, String)]) -> Markup {
                 }
             }
         }
-    }
-}
-
-/// Value of a trace at `x`: linear between samples, constant beyond the first and last one. `None`
-/// for an empty trace.
-#[must_use]
-pub fn at(points: &[(f64, f64)], x: f64) -> Option<f64> {
-    let i = points.partition_point(|p| p.0 < x);
-    match (i.checked_sub(1).and_then(|i| points.get(i)), points.get(i)) {
-        (Some(a), Some(b)) => Some(a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0)),
-        (a, b) => a.or(b).map(|p| p.1),
     }
 }
 

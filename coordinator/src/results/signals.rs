@@ -98,6 +98,17 @@ pub struct Signal {
     pub points: Vec<(f64, f64)>,
 }
 
+/// Value of a trace at `x`: linear between samples, constant beyond the first and last one. `None`
+/// for an empty trace.
+#[must_use]
+pub fn at(points: &[(f64, f64)], x: f64) -> Option<f64> {
+    let i = points.partition_point(|p| p.0 < x);
+    match (i.checked_sub(1).and_then(|i| points.get(i)), points.get(i)) {
+        (Some(a), Some(b)) => Some(a.1 + (b.1 - a.1) * (x - a.0) / (b.0 - a.0)),
+        (a, b) => a.or(b).map(|p| p.1),
+    }
+}
+
 /// All traces that could be read, and the problems of the others.
 #[derive(Debug, Clone, Default)]
 pub struct Signals {

@@ -78,6 +78,14 @@ impl Landmarks {
         unit(crate::vec3::reject(sub(middle, self.base_mm), self.axis))
     }
 
+    /// Unit vector perpendicular to the axis, towards the septum: a surface marked as such, or else the
+    /// right ventricle. `None` if the mesh has neither.
+    #[must_use]
+    pub fn towards_septum(&self, mesh: &TetMesh) -> Option<Vec3> {
+        self.towards(mesh, surface_names::SEPTUM)
+            .or_else(|| self.towards(mesh, surface_names::RIGHT_VENTRICLE))
+    }
+
     /// Two activation sites at the ends of the left bundle's fascicles: on the endocardium, two
     /// thirds of the way from base to apex, on opposite sides. They are an assumption for meshes
     /// without given sites. If the septum is marked, one of the sites lies in it.

@@ -226,7 +226,7 @@ impl StoredVentricle {
 
     /// Restores the ventricle at end-diastole.
     ///
-    /// - `cross_fibre`: share of the active stress along the sheet
+    /// - `cross_fibre`: share of the active stress across the fibre, added to that of the wall's settings
     ///
     /// # Errors
     /// [`FiniteElementError`] for an invalid mesh or wall.

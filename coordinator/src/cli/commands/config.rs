@@ -71,6 +71,7 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
         overrides,
         set: args.set.clone(),
         meshes: false,
+        unaccepted: false,
     };
     let cohort = input::load(&cohort_dir, &options, &mut report);
     problems::say(&report, talk);

@@ -56,6 +56,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
                 overrides,
                 set: Vec::new(),
                 meshes: false,
+                unaccepted: false,
             };
             // The cohort is loaded only to find where values are set; `check` reports its problems.
             input::load(cohort, &options, &mut Report::default())

@@ -1,7 +1,7 @@
 //! Charts of a search's findings: measured data, base model and extended model over a beat, and the
 //! residuals.
 
-use cardiotwin_schemas::discover::{ComparedSignal, DiscoverCase};
+use cardiotwin_schemas::discover::{ComparedSignal, DiscoverCase, DiscoverSeries};
 
 use crate::report::plot::{Axis, Chart, Mark, Scale, Series};
 
@@ -30,6 +30,47 @@ const CHARACTER_SHARE: f64 = 0.0135;
 /// Half width of the noise band in standard deviations of the noise.
 const BAND: f64 = 2.0;
 
+/// Traces before and after the accepted effects, to be drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct Compared<'a> {
+    /// Pseudonym of the patient.
+    patient: &'a str,
+    /// Names of the accepted effects; empty if there is nothing after them.
+    accepted: &'a [String],
+    /// Name of the model before.
+    before: &'static str,
+    series: &'a DiscoverSeries,
+}
+
+impl<'a> Compared<'a> {
+    /// The reduced ventricle of the search.
+    #[must_use]
+    pub fn reduced(case: &'a DiscoverCase) -> Self {
+        let found = &case.found;
+        let none: &[String] = &[];
+        Self {
+            patient: &case.case,
+            accepted: if found.findings.none {
+                none
+            } else {
+                &found.findings.accepted
+            },
+            before: "base model",
+            series: &found.series,
+        }
+    }
+
+    /// The finite-element ventricle; `None` if it was not simulated.
+    #[must_use]
+    pub fn finite_element(case: &'a DiscoverCase) -> Option<Self> {
+        Some(Self {
+            before: "finite elements without it",
+            series: &case.finite_element.as_ref()?.series,
+            ..Self::reduced(case)
+        })
+    }
+}
+
 struct Parts<'a> {
     name: &'static str,
     unit: &'static str,
@@ -38,8 +79,8 @@ struct Parts<'a> {
     after: &'a [f64],
 }
 
-fn parts(case: &DiscoverCase, which: Which) -> Parts<'_> {
-    let (series, curves) = (&case.found.series, &case.found.series.curves);
+fn parts<'a>(of: &Compared<'a>, which: Which) -> Parts<'a> {
+    let (series, curves) = (of.series, &of.series.curves);
     match which {
         Which::Pressure => Parts {
             name: "pressure",
@@ -64,9 +105,9 @@ fn zip(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
 
 /// Measured data and both models over the beat. `None` without data.
 #[must_use]
-pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
-    let of = parts(case, which);
-    let time = &case.found.series.curves.time_ms;
+pub fn signal(compared: &Compared<'_>, which: Which) -> Option<Chart> {
+    let of = parts(compared, which);
+    let time = &compared.series.curves.time_ms;
     let values = of
         .data
         .measured
@@ -80,8 +121,11 @@ pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
         Scale::linear(values, false)?,
     );
     let mut chart = Chart::new(
-        format!("{} of {}: measured, before, after", of.name, case.case),
-        time_axis(case)?,
+        format!(
+            "{} of {}: measured, before, after",
+            of.name, compared.patient
+        ),
+        time_axis(compared)?,
         y,
     );
     // Samples are drawn as dots, so that the lines of the models stay visible.
@@ -95,15 +139,12 @@ pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
     let before = zip(time, of.before);
     chart.series.push(Series {
         class: "before",
-        name: "base model".to_owned(),
+        name: compared.before.to_owned(),
         points: before,
         dots: false,
     });
-    if !case.found.findings.none {
-        let name = format!(
-            "with {}",
-            case.found.findings.accepted.join(", ").replace('_', " ")
-        );
+    if !compared.accepted.is_empty() {
+        let name = format!("with {}", compared.accepted.join(", ").replace('_', " "));
         chart.series.push(Series {
             class: "after",
             name,
@@ -111,15 +152,15 @@ pub fn signal(case: &DiscoverCase, which: Which) -> Option<Chart> {
             dots: false,
         });
     }
-    phases(&mut chart, case, false);
+    phases(&mut chart, compared.series, false);
     Some(chart)
 }
 
 /// Data minus model at the times of the data, for both models, over the noise band. `None` without
 /// data.
 #[must_use]
-pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
-    let of = parts(case, which);
+pub fn residual(compared: &Compared<'_>, which: Which) -> Option<Chart> {
+    let of = parts(compared, which);
     let left = |model: &[f64]| -> Vec<f64> {
         std::iter::zip(&of.data.measured, model)
             .map(|(d, m)| d - m)
@@ -138,8 +179,8 @@ pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
         Scale::linear(values, false)?,
     );
     let mut chart = Chart::new(
-        format!("residual of the {} of {}", of.name, case.case),
-        time_axis(case)?,
+        format!("residual of the {} of {}", of.name, compared.patient),
+        time_axis(compared)?,
         y,
     );
     chart.size.1 = 190.0;
@@ -156,11 +197,11 @@ pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
     let time = &of.data.time_ms;
     chart.series.push(Series {
         class: "before",
-        name: "base model".into(),
+        name: compared.before.into(),
         points: zip(time, &before),
         dots: false,
     });
-    if !case.found.findings.none {
+    if !compared.accepted.is_empty() {
         chart.series.push(Series {
             class: "after",
             name: "after".into(),
@@ -168,29 +209,22 @@ pub fn residual(case: &DiscoverCase, which: Which) -> Option<Chart> {
             dots: false,
         });
     }
-    phases(&mut chart, case, true);
+    phases(&mut chart, compared.series, true);
     Some(chart)
 }
 
-fn time_axis(case: &DiscoverCase) -> Option<Axis> {
+fn time_axis(compared: &Compared<'_>) -> Option<Axis> {
     Some(Axis::new(
         "time (ms)",
         "ms",
-        Scale::exact(0.0, *case.found.series.curves.time_ms.last()?),
+        Scale::exact(0.0, *compared.series.curves.time_ms.last()?),
     ))
 }
 
 /// Marks where phases begin, and writes their names if `named`.
-fn phases(chart: &mut Chart, case: &DiscoverCase, named: bool) {
-    let phases = &case.found.series.phases;
-    let cycle = case
-        .found
-        .series
-        .curves
-        .time_ms
-        .last()
-        .copied()
-        .unwrap_or(0.0);
+fn phases(chart: &mut Chart, series: &DiscoverSeries, named: bool) {
+    let phases = &series.phases;
+    let cycle = series.curves.time_ms.last().copied().unwrap_or(0.0);
     for (i, phase) in phases.iter().enumerate() {
         chart.marks.push(Mark::Up {
             x: phase.begin_ms,

@@ -13,6 +13,7 @@ use super::figures::{figure, legend};
 use super::page::{page, write};
 use super::plot::stacked;
 use crate::results::WriteError;
+use crate::results::discovery::finite_element::rms_of;
 use crate::results::discovery::words;
 use tables::verdict;
 
@@ -67,6 +68,7 @@ pub fn cohort(cases: &DiscoverCases) -> Markup {
             (tables::patients(cases))
             (tables::pooled(cases))
             @if cases.values().any(|case| case.run.is_some()) { (tables::run_misses(cases)) }
+            @if cases.values().any(|case| case.finite_element.is_some()) { (tables::finite_elements(cases)) }
             @if cases.values().any(|case| case.found.stated_filling.is_some()) { (tables::filling(cases)) }
         }
     }
@@ -74,6 +76,7 @@ pub fn cohort(cases: &DiscoverCases) -> Markup {
 
 fn section(case: &DiscoverCase) -> Markup {
     let found = &case.found;
+    let reduced = figures::Compared::reduced(case);
     let with = if found.findings.none {
         "base model".to_owned()
     } else {
@@ -92,11 +95,11 @@ fn section(case: &DiscoverCase) -> Markup {
             p.summary { (case.summary) }
             (legend(&keys))
             div.figures.dotted {
-                (figure("Pressure", figures::signal(case, figures::Which::Pressure), "", &html! {}))
-                (figure("Volume", figures::signal(case, figures::Which::Volume), "", &html! {}))
-                (figure("Residual of the pressure", figures::residual(case, figures::Which::Pressure), "",
+                (figure("Pressure", figures::signal(&reduced, figures::Which::Pressure), "", &html! {}))
+                (figure("Volume", figures::signal(&reduced, figures::Which::Volume), "", &html! {}))
+                (figure("Residual of the pressure", figures::residual(&reduced, figures::Which::Pressure), "",
                     &html! { ", data minus model; the band is twice the noise" }))
-                (figure("Residual of the volume", figures::residual(case, figures::Which::Volume), "",
+                (figure("Residual of the volume", figures::residual(&reduced, figures::Which::Volume), "",
                     &html! { ", data minus model; the band is twice the noise" }))
             }
             div.tables {
@@ -107,6 +110,7 @@ fn section(case: &DiscoverCase) -> Markup {
                 (tables::indices(case))
             }
             (tables::lists(case))
+            (in_3d(case))
             p.quiet {
                 "seed " (found.seed) " · an effect is named if its evidence, prior odds included, exceeds " (format!("{:.1}", found.findings.threshold))
                 " · p = " (format!("{:.4}", found.findings.p_value)) " · " (found.n_evaluations) " parameter sets · data "
@@ -116,8 +120,37 @@ fn section(case: &DiscoverCase) -> Markup {
     }
 }
 
-/// Text of an SVG file that shows the gap, the accepted effects and the remaining gap. `None` if
-/// there is nothing to draw.
+/// Traces, residuals and gap of the finite-element ventricle; empty if it was not simulated.
+fn in_3d(case: &DiscoverCase) -> Markup {
+    let (Some(gap), Some(compared)) = (
+        &case.finite_element,
+        figures::Compared::finite_element(case),
+    ) else {
+        return Markup::default();
+    };
+    let keys = [
+        ("measured", "measured".to_owned()),
+        ("before", "without".to_owned()),
+        ("after", format!("with {}", verdict(case))),
+    ];
+    html! {
+        h3 { "On the finite-element ventricle" }
+        p.quiet { "The same patient on a mesh of " (gap.nodes) " nodes, personalised by step 1 without and with the accepted effects; the beats that step 1 took." }
+        (legend(&keys))
+        div.figures.dotted {
+            (figure("Pressure in 3D", figures::signal(&compared, figures::Which::Pressure), "", &html! {}))
+            (figure("Volume in 3D", figures::signal(&compared, figures::Which::Volume), "", &html! {}))
+            (figure("Residual of the pressure in 3D", figures::residual(&compared, figures::Which::Pressure), "",
+                &html! { ", data minus model; the band is twice the noise" }))
+            (figure("Residual of the volume in 3D", figures::residual(&compared, figures::Which::Volume), "",
+                &html! { ", data minus model; the band is twice the noise" }))
+        }
+        div.tables { (tables::finite_element(gap)) }
+    }
+}
+
+/// Text of an SVG file that shows the gap, the accepted effects and the remaining gap, on the
+/// finite-element ventricle where it was simulated. `None` if there is nothing to draw.
 #[must_use]
 pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
     let found = &case.found;
@@ -135,9 +168,11 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
     } else {
         figures::Which::Pressure
     };
+    let compared =
+        figures::Compared::finite_element(case).unwrap_or(figures::Compared::reduced(case));
     let mut charts = vec![
-        figures::signal(case, which)?,
-        figures::residual(case, which)?,
+        figures::signal(&compared, which)?,
+        figures::residual(&compared, which)?,
     ];
     charts[1].size.1 = 210.0;
     for chart in &mut charts {
@@ -154,6 +189,11 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
         "gap {:.2} to {:.2} times the noise{held}",
         found.findings.gap_before, found.findings.gap_after
     )];
+    lines.extend(case.finite_element.as_ref().map(|gap| {
+        let of = |(name, before, after)| format!("{name} {before:.1} to {after:.1}");
+        let both = rms_of(gap).map(of).join("; ");
+        format!("finite elements, {} nodes, rms: {both}", gap.nodes)
+    }));
     lines.extend(
         found
             .findings
@@ -172,7 +212,7 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::discovery::fixture::{kick, nothing, unexplained};
+    use crate::results::discovery::fixture::{finite_element, kick, nothing, unexplained};
     use crate::results::discovery::paragraph;
     use cardiotwin_schemas::discover::Discovered;
 
@@ -183,6 +223,7 @@ mod tests {
             summary: paragraph::summary(&found),
             task: "t".into(),
             run: None,
+            finite_element: None,
             found,
         }
     }
@@ -230,6 +271,36 @@ mod tests {
             .replace("http://www.w3.org/2000/svg", "");
         assert!(page.contains("href=\"#missing-P2\"") && page.contains("id=\"missing-P2\""));
         assert!(!page.contains("http://") && !page.contains("https://"));
+    }
+
+    #[test]
+    fn the_finite_element_ventricle_is_drawn_where_it_was_simulated() {
+        let mut case = case("P1", kick());
+        assert!(!section(&case).into_string().contains("finite-element"));
+        case.finite_element = Some(finite_element(&case.found));
+        let html = section(&case).into_string();
+        for part in [
+            "On the finite-element ventricle",
+            "1043 nodes",
+            "6.6",
+            "1.3",
+        ] {
+            assert!(html.contains(part), "{part} is not in {html}");
+        }
+        assert_eq!(html.matches("class=\"band noise\"").count(), 4);
+        let svg = discovery_svg(&case).unwrap();
+        assert!(
+            svg.contains("1043 nodes, rms: pressure, mmHg 6.6 to 4.1; volume, mL 4.4 to 1.3"),
+            "{svg}"
+        );
+        let cases: DiscoverCases =
+            [("P1".to_owned(), case.clone()), ("P2".to_owned(), case)].into();
+        let html = cohort(&cases).into_string();
+        assert!(
+            html.contains("Misfit of the finite-element ventricle")
+                && html.contains("\u{2212}70 %"),
+            "{html}"
+        );
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! Tables of a search's findings.
 
-use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, GapAt, Place};
+use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, FiniteElementGap, GapAt, Place};
 use maud::{Markup, html};
 
 use crate::report::format::{fixed, significant, symbol};
 use crate::report::tables::scrolling;
 use crate::results::discovery::faults;
+use crate::results::discovery::finite_element::{change, rms_of};
 use crate::results::discovery::pool::pool;
 use crate::results::discovery::words::{plain, split_unit, strength};
 
@@ -58,18 +59,11 @@ pub fn ranking(case: &DiscoverCase) -> Markup {
 #[must_use]
 pub fn gaps(case: &DiscoverCase) -> Markup {
     let found = &case.found;
-    let name = |gap: &GapAt| {
-        if gap.phase == "beat" {
-            format!("{}, whole beat", gap.signal)
-        } else {
-            format!("{}, {}", gap.signal, plain(&gap.phase))
-        }
-    };
     scrolling(&html! { table {
         caption { "Gap: rms residual over the noise" }
         thead { tr { th { "" } th { "before" } th { "after" } th { "held out, before" } th { "held out, after" } } }
         tbody { @for gap in &found.findings.gaps { tr {
-            th scope="row" { (name(gap)) }
+            th scope="row" { (place_of(gap)) }
             (number(Some(gap.before))) (number(Some(gap.after))) (number(gap.heldout_before)) (number(gap.heldout_after))
         } } }
         tfoot { tr {
@@ -78,6 +72,32 @@ pub fn gaps(case: &DiscoverCase) -> Markup {
             (number(found.findings.gap_heldout_before)) (number(found.findings.gap_heldout_after))
         } }
     } })
+}
+
+/// Table of the gap of the finite-element ventricle by signal and phase, before and after.
+#[must_use]
+pub fn finite_element(gap: &FiniteElementGap) -> Markup {
+    let rms = |before: f64, after: f64| html! { td.num { (format!("{before:.1}")) } td.num { (format!("{after:.1}")) } };
+    scrolling(&html! { table {
+        caption { "Gap of the finite-element ventricle: rms residual over the noise" }
+        thead { tr { th { "" } th { "before" } th { "after" } } }
+        tbody { @for gap in &gap.gaps { tr {
+            th scope="row" { (place_of(gap)) }
+            (number(Some(gap.before))) (number(Some(gap.after)))
+        } } }
+        tfoot {
+            tr { th scope="row" { "pressure, rms in mmHg" } (rms(gap.before.pressure_rms_mmhg, gap.after.pressure_rms_mmhg)) }
+            tr { th scope="row" { "volume, rms in mL" } (rms(gap.before.volume_rms_ml, gap.after.volume_rms_ml)) }
+        }
+    } })
+}
+
+fn place_of(gap: &GapAt) -> String {
+    if gap.phase == "beat" {
+        format!("{}, whole beat", gap.signal)
+    } else {
+        format!("{}, {}", gap.signal, plain(&gap.phase))
+    }
 }
 
 /// Table of the places where the base model and the data disagree.
@@ -225,6 +245,24 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
                 td { (found.findings.confusable.iter().map(|name| plain(name)).collect::<Vec<_>>().join(", ")) }
             }
         } }
+    } })
+}
+
+/// Table of the whole beat's misfit on the finite-element ventricle, with a row for each patient and
+/// signal.
+#[must_use]
+pub fn finite_elements(cases: &DiscoverCases) -> Markup {
+    let simulated = cases
+        .values()
+        .filter_map(|case| Some((case, case.finite_element.as_ref()?)));
+    scrolling(&html! { table {
+        caption { "Misfit of the finite-element ventricle over the whole beat, rms" }
+        thead { tr { th { "patient" } th.unit { "effects" } th.unit { "trace" } th { "before" } th { "after" } th { "change" } } }
+        tbody { @for (case, gap) in simulated { @for (name, before, after) in rms_of(gap) { tr {
+            th scope="row" { a href={ "#missing-" (case.case) } { (case.case) } }
+            td { (verdict(case)) } td { (name) }
+            (number_of(before, 1)) (number_of(after, 1)) td.num { (change(before, after)) }
+        } } } }
     } })
 }
 

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::discover::{
-    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, Findings, FoundModel,
-    GapAt, InThreeDimensions, IndexChange, PhaseBegin, Place, RankedEffect, SearchSettings, Side,
-    SimulatedCurves, StatedFilling, Unexplained,
+    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, Findings,
+    FiniteElementBeat, FiniteElementGap, FoundModel, GapAt, InThreeDimensions, IndexChange,
+    PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves, StatedFilling,
+    Unexplained,
 };
 use cardiotwin_schemas::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 
@@ -251,4 +252,21 @@ pub fn unexplained() -> Discovered {
         }],
     });
     found
+}
+
+/// A gap on the finite-element ventricle, with the curves of the search.
+pub fn finite_element(found: &Discovered) -> FiniteElementGap {
+    let beat = |task: &str, cost, pressure_rms_mmhg, volume_rms_ml| FiniteElementBeat {
+        task: task.to_owned(),
+        cost,
+        pressure_rms_mmhg,
+        volume_rms_ml,
+    };
+    FiniteElementGap {
+        nodes: 1043,
+        before: beat("b", 0.07, 6.6, 4.4),
+        after: beat("a", 0.05, 4.1, 1.3),
+        gaps: found.findings.gaps.clone(),
+        series: found.series.clone(),
+    }
 }

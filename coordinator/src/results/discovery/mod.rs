@@ -2,6 +2,7 @@
 //! and cell, and sentences.
 
 pub mod faults;
+pub mod finite_element;
 #[cfg(test)]
 pub mod fixture;
 pub mod paragraph;

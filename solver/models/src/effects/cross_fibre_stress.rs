@@ -46,7 +46,7 @@ pub const EFFECT: Effect = Effect {
     ],
     prior_odds: ONE_OF_MANY,
     in_3d: InThreeDimensions::MaterialTerm {
-        how: "active stress `cross_fibre_share` · Sa along the sheet direction",
+        how: "active stress `cross_fibre_share` · Sa along the sheet normal, across the fibre in the plane of the wall",
     },
     hidden_because: Some(
         "in a one-fibre ventricle it is exactly a change of the peak active stress; strain or torsion would show it",

@@ -37,7 +37,7 @@ pub struct InThreeDimensionsParts {
     pub late: Option<LatePart>,
     /// Factor of all exponents of the passive law. The scale of the law must be fitted with it.
     pub exponent_factor: f64,
-    /// Active stress along the sheet over active stress along the fibre.
+    /// Active stress across the fibre, in the plane of the wall, over active stress along the fibre.
     pub cross_fibre_share: f64,
     /// Viscous stress along the fibre, if any.
     pub viscosity: Option<FibreViscosity>,

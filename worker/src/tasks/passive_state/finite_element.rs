@@ -20,7 +20,7 @@ use cardiotwin_mesh::order::Renumbering;
 use cardiotwin_mesh::quality::Quality;
 use cardiotwin_mesh::tags;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
-use cardiotwin_models::effects::{EffectSetting, InThreeDimensions};
+use cardiotwin_models::effects::{EffectError, EffectSetting, InThreeDimensions};
 use cardiotwin_models::ventricle::passive_state::klotz_unloaded_volume;
 use cardiotwin_schemas::finite_element::{
     AnatomySpec, FiniteElementOrgan, VentricleFigures, WallSettings,
@@ -286,6 +286,13 @@ fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
     for spec in &anatomy.effects {
         let setting = EffectSetting::named(&spec.name, &spec.parameters)?;
         if let InThreeDimensions::PassiveExponents { factor: name } = setting.effect.in_3d {
+            if anatomy.wall.muscle_law == MuscleLaw::NeoHookean && !setting.is_off() {
+                return Err(EffectError::NotInThreeDimensions {
+                    effect: setting.effect.name,
+                    why: "it multiplies exponents, and the neo-Hookean muscle has none",
+                }
+                .into());
+            }
             factor *= setting.parameters().get(name).copied().unwrap_or(1.0);
         }
     }

@@ -33,6 +33,14 @@ pub struct DiscoverArgs {
     /// Undo the last --accept without a search
     #[arg(long)]
     pub(super) revert: bool,
+    /// Simulate the finite-element ventricle without and with the named effects, and show the gap of
+    /// both, whether or not they are accepted
+    #[arg(long, conflicts_with_all = ["revert", "afterload"])]
+    pub(super) in_3d: bool,
+    /// Approximate number of nodes of the finite-element mesh [default: the setting
+    /// solver.finite_element.mesh_nodes]
+    #[arg(long, value_name = "N", requires = "in_3d")]
+    pub(super) mesh_nodes: Option<u32>,
     /// Names of the candidate effects to try [default: the whole catalogue]
     #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
     pub(super) effects: Vec<String>,

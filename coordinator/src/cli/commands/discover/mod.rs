@@ -4,6 +4,7 @@
 mod accept;
 mod afterload;
 mod args;
+mod in_3d;
 mod search;
 mod source;
 mod text;
@@ -60,6 +61,12 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     }
     let mut ended = search::run(args, &source, talk).await?;
     add_run(&source, &mut ended.cases).await;
+    discovery::keep_finite_element(discovery::read_cases(&ended.run_dir), &mut ended.cases);
+    if args.in_3d && !ended.stopped {
+        let in_3d = in_3d::add(args, &source, &ended.run_dir, &mut ended.cases, talk).await?;
+        ended.failures.extend(in_3d.failures);
+        ended.stopped = in_3d.stopped;
+    }
     let cases = &ended.cases;
     discovery::write(
         &discovery::cases_file(&ended.run_dir),

@@ -97,7 +97,7 @@ fn member(searched: &Searched) -> ResolvedPatient {
 
 /// Searches as many patients at once as there are cores; cores left over become threads of each
 /// search.
-fn executor(jobs: u32, n_patients: usize) -> ExecutorSettings {
+pub(super) fn executor(jobs: u32, n_patients: usize) -> ExecutorSettings {
     let cores = match jobs {
         0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get) as u32,
         n => n,

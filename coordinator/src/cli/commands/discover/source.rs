@@ -55,6 +55,7 @@ impl Source {
             (true, _) => {
                 let options = Options {
                     only: args.patients.clone(),
+                    unaccepted: true,
                     ..Options::default()
                 };
                 let cohort = input::load(folder, &options, &mut report);
@@ -70,7 +71,10 @@ impl Source {
                     );
                     return Err(CliError::Usage(message));
                 }
-                let patient = input::load_alone(folder, &mut report);
+                let patient = match cohort_of(folder).filter(|_| args.in_3d) {
+                    Some(cohort) => in_cohort(&cohort, folder, &mut report),
+                    None => input::load_alone(folder, &mut report),
+                };
                 (
                     patient.as_ref().map_or(String::new(), |p| p.id.clone()),
                     patient.into_iter().collect(),
@@ -161,6 +165,17 @@ fn cohort_of(folder: &Path) -> Option<PathBuf> {
         .join("cohort.toml")
         .is_file()
         .then(|| cohort.to_owned())
+}
+
+/// The patient with the settings of its cohort, by which its ventricle is simulated.
+fn in_cohort(cohort: &Path, folder: &Path, report: &mut Report) -> Option<Patient> {
+    let absolute = std::path::absolute(folder).ok()?;
+    let options = Options {
+        only: vec![absolute.file_name()?.to_string_lossy().into_owned()],
+        unaccepted: true,
+        ..Options::default()
+    };
+    input::load(cohort, &options, report)?.patients.pop()
 }
 
 fn searched(patient: Patient, args: &DiscoverArgs, report: &mut Report) -> Option<Searched> {

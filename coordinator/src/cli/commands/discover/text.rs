@@ -5,6 +5,7 @@ use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Place};
 use crate::cli::table::{Columns, number, optional};
 use crate::cli::talk::{Talk, Tone, count};
 use crate::results::discovery::faults;
+use crate::results::discovery::finite_element::{change, rms_of};
 use crate::results::discovery::pool::pool;
 use crate::results::discovery::words;
 
@@ -58,6 +59,7 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     ));
     text.push_str(&places(case, talk));
     text.push_str(&gaps(case, talk));
+    text.push_str(&finite_element(case, talk));
     let lists = [
         (
             "indistinguishable from",
@@ -194,6 +196,76 @@ fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
     )
 }
 
+/// Table of the gap on the finite-element ventricle; empty if it was not simulated.
+fn finite_element(case: &DiscoverCase, talk: &Talk) -> String {
+    let Some(found) = &case.finite_element else {
+        return String::new();
+    };
+    let mut table = Columns::new(talk, &["GAP IN 3D", ">BEFORE", ">AFTER"]);
+    for gap in &found.gaps {
+        let name = if gap.phase == "beat" {
+            format!("{}, whole beat", gap.signal)
+        } else {
+            format!("{}, {}", gap.signal, words::plain(&gap.phase))
+        };
+        table.row([
+            name,
+            format!("{:.2}", gap.before),
+            format!("{:.2}", gap.after),
+        ]);
+    }
+    for (name, before, after) in rms_of(found) {
+        table.row([
+            format!("{name} rms"),
+            format!("{before:.1}"),
+            format!("{after:.1}"),
+        ]);
+    }
+    format!(
+        "{}the patient's finite-element ventricle of {} nodes, personalised by step 1 without and with \
+         the accepted effects; rms residual divided by the noise's standard deviation\n\n",
+        table.text(),
+        found.nodes
+    )
+}
+
+/// Table of the whole beat's misfit on the finite-element ventricles; empty if none was simulated.
+fn finite_elements(cases: &DiscoverCases, talk: &Talk) -> String {
+    let mut table = Columns::new(
+        talk,
+        &[
+            "PATIENT",
+            "EFFECTS",
+            "TRACE IN 3D",
+            ">BEFORE",
+            ">AFTER",
+            ">CHANGE",
+        ],
+    );
+    let mut any = false;
+    for case in cases.values() {
+        for (name, before, after) in case.finite_element.iter().flat_map(rms_of) {
+            any = true;
+            table.row([
+                case.case.clone(),
+                case.found.findings.accepted.join(" + "),
+                name.to_owned(),
+                format!("{before:.1}"),
+                format!("{after:.1}"),
+                change(before, after),
+            ]);
+        }
+    }
+    if !any {
+        return String::new();
+    }
+    format!(
+        "{}rms over the whole beat of the finite-element ventricle, personalised by step 1 without and \
+         with the effects\n\n",
+        table.text()
+    )
+}
+
 /// Text for the cohort: missing effects of each patient, and the evidence pooled over all patients.
 #[must_use]
 pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
@@ -257,6 +329,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     text.push_str(&table.text());
     text.push('\n');
     text.push_str(&run_misses(cases, talk));
+    text.push_str(&finite_elements(cases, talk));
     text.push_str(&filling(cases, talk));
     text
 }
@@ -349,7 +422,7 @@ fn filling(cases: &DiscoverCases, talk: &Talk) -> String {
 mod tests {
     use super::*;
     use crate::discovery;
-    use crate::results::discovery::fixture::{kick, nothing, unexplained};
+    use crate::results::discovery::fixture::{finite_element, kick, nothing, unexplained};
 
     #[test]
     fn a_patient_and_a_cohort_as_people_see_them() {
@@ -365,10 +438,12 @@ mod tests {
             ("P3", nothing()),
             ("P4", unexplained()),
         ];
-        let cases: DiscoverCases = all
+        let mut cases: DiscoverCases = all
             .iter()
             .map(|(id, found)| ((*id).to_owned(), discovery::case(id, "task", found)))
             .collect();
+        let p1 = cases.get_mut("P1").unwrap();
+        p1.finite_element = Some(finite_element(&p1.found));
         insta::assert_snapshot!(format!(
             "{}{}",
             case(&cases["P1"], false, &talk),
