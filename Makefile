@@ -93,7 +93,8 @@ EVALUATION_SEED ?= 2026112702
 ONE_SEED := --seed $(EVALUATION_SEED) --jobs $(JOBS)
 HEARTS := --nulls 40 --singles 64 --doubles 10 $(ONE_SEED)
 IN_3D := --nulls 24 --singles 36 --seed $(EVALUATION_SEED)
-CLINIC := --measurements aortic_pressure,aortic_flow,mitral_flow,atrial_pressure,valve_times,qrs
+CLINIC := --no-visibility --measurements aortic_pressure,aortic_flow,mitral_flow,atrial_pressure,valve_times,qrs
+# Labels of a set with further measurements are those of the same hearts without them.
 SETS := elastance sarcomeres finite-element elastance-clinic sarcomeres-clinic same
 evaluate-discover: ## search the made patients of docs/missing-effects.md and draw its pictures (hours; goes on where it stopped)
 	mkdir -p $(EVALUATION)
@@ -105,7 +106,7 @@ evaluate-discover: ## search the made patients of docs/missing-effects.md and dr
 	$(EXAMPLE) validation -- $(EVALUATION)/sarcomeres-clinic $(CLINIC) --model sarcomeres $(HEARTS)
 	$(EXAMPLE) validation -- $(EVALUATION)/same --model same --nulls 20 --singles 32 $(ONE_SEED)
 	for set in $(SETS); do $(EXAMPLE) evaluate -- $(EVALUATION)/$$set --out $(EVALUATION)/$$set.jsonl --jobs $(JOBS) || exit 1; done
-	$(EXAMPLE) figures -- docs/images $(foreach set,$(SETS),"$(set)=$(EVALUATION)/$(set)=$(EVALUATION)/$(set).jsonl")
+	$(EXAMPLE) figures -- docs/images $(foreach set,$(SETS),"$(set)=$(EVALUATION)/$(set:-clinic=)=$(EVALUATION)/$(set).jsonl")
 
 # Of patients that nobody has looked at while choosing anything; 20261124 and 20261125 were looked at.
 SECOND_COHORT_SEED ?= 20261126

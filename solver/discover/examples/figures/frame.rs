@@ -4,7 +4,9 @@ use crate::rate::Rate;
 use crate::svg::{Anchor, Svg};
 
 /// Colours of the sets, in their order.
-pub const COLOURS: [&str; 4] = ["#1f6fb4", "#d9731a", "#2f8f4e", "#7a4fa3"];
+pub const COLOURS: [&str; 6] = [
+    "#1f6fb4", "#d9731a", "#2f8f4e", "#7a4fa3", "#b4452f", "#6b6b6b",
+];
 
 /// Position and size of a plot \[px\].
 pub struct Frame {

@@ -34,7 +34,7 @@ fn rates(set: &Set, threshold: f64) -> (Rate, Rate) {
 pub fn draw(sets: &[Set]) -> String {
     let top = 60.0 + 18.0 * sets.len() as f64;
     let mut svg = Svg::new(470.0, top + 330.0);
-    let title = "Found effects over false names, by the evidence that a name needs";
+    let title = "Found effects over false names";
     svg.text((14.0, 22.0), 14.0, Anchor::Start, 0.0, title);
     legend(&mut svg, sets.iter().map(|set| set.name.as_str()));
     let frame = Frame {
