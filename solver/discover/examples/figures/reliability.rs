@@ -74,7 +74,7 @@ impl Stated {
 
 /// Draws the reliability diagram over all sets.
 pub fn draw(sets: &[Set]) -> String {
-    let mut svg = Svg::new(420.0, 460.0);
+    let mut svg = Svg::new(470.0, 460.0);
     let title = "How often a stated effect is right";
     svg.text((14.0, 22.0), 14.0, Anchor::Start, 0.0, title);
     legend(&mut svg, Stated::ALL.map(Stated::words).into_iter());
