@@ -274,3 +274,78 @@ impl FurtherData {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measured::Uncertain;
+    use std::f64::consts::TAU;
+
+    const CYCLE_MS: f64 = 800.0;
+
+    /// A wave of the atrium's pressure at a time of the heart.
+    fn wave(t: f64) -> f64 {
+        10.0 + 4.0 * (TAU * t / CYCLE_MS).sin()
+    }
+
+    fn beat() -> Prediction {
+        Prediction {
+            step_ms: 2.0,
+            atrial_pressure_mmhg: (0..400).map(|i| wave(2.0 * f64::from(i))).collect(),
+            ..Prediction::default()
+        }
+    }
+
+    /// The wave with an error, as a catheter shows it that is `delay_ms` late.
+    fn channel(delay_ms: f64, factor: f64, error: impl Fn(f64) -> f64) -> Channel {
+        let time_ms: Vec<f64> = (0..800).map(f64::from).collect();
+        let trace = FurtherTrace {
+            quantity: Quantity::AtrialPressure,
+            value: time_ms
+                .iter()
+                .map(|t| wave(t - delay_ms) + error(*t))
+                .collect(),
+            time_ms,
+            rms: 1.0,
+            correlation_ms: 10.0,
+            delay: Uncertain {
+                value: delay_ms,
+                sd: 15.0,
+            },
+        };
+        Channel::new(&trace, CYCLE_MS, factor)
+    }
+
+    fn misfit(channel: &Channel) -> f64 {
+        let mut white = WhiteWithFactor::default();
+        white.add(&channel.signal, &channel.model(&beat()));
+        white.residuals.iter().map(|r| r * r).sum()
+    }
+
+    #[test]
+    fn a_wedge_is_compared_at_the_time_of_the_heart() {
+        assert!(misfit(&channel(120.0, 1.0, |_| 0.0)) < 0.1);
+        // Unnoticed, the same delay would be a gap.
+        let mut unnoticed = channel(120.0, 1.0, |_| 0.0);
+        unnoticed
+            .signal
+            .time_ms
+            .iter_mut()
+            .for_each(|t| *t += 120.0);
+        assert!(misfit(&unnoticed) > 5.0, "{}", misfit(&unnoticed));
+    }
+
+    #[test]
+    fn an_offset_is_no_gap_and_a_wave_is_one_that_smooth_errors_hide() {
+        let wave = |t: f64| 6.0 * (-((t - 300.0) / 40.0).powi(2)).exp();
+        let offset = misfit(&channel(0.0, 1.0, |_| 1.5));
+        let (gap, hidden) = (
+            misfit(&channel(0.0, 1.0, wave)),
+            misfit(&channel(0.0, 3.0, wave)),
+        );
+        assert!(
+            offset < 2.0 && gap > 20.0 && hidden < 0.8 * gap,
+            "{offset} {gap} {hidden}"
+        );
+    }
+}

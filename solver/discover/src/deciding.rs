@@ -259,7 +259,8 @@ pub fn separations(problem: &Problem<'_>, truth: &Fit, rival: &Fit) -> Vec<Separ
 }
 
 /// Measurements in the order in which they are suggested: by the smallest misfit that they are
-/// expected to leave to any rival. Those below `least` for all rivals are left out.
+/// expected to leave to any rival. Those below `least` for all rivals are left out; where that leaves
+/// none, the best one is kept if it is worth more than a mention.
 #[must_use]
 pub fn suggested(rivals: &[Vec<Separation>], least: f64) -> Vec<Measurement> {
     let of = |what: Measurement| -> Vec<f64> {
@@ -268,15 +269,23 @@ pub fn suggested(rivals: &[Vec<Separation>], least: f64) -> Vec<Measurement> {
             .map(|(_, misfit)| *misfit)
             .collect()
     };
-    let mut list: Vec<(Measurement, f64)> = (Measurement::ALL.into_iter())
-        .filter_map(|what| {
+    let mut list: Vec<(Measurement, f64, f64)> = (Measurement::ALL.into_iter())
+        .map(|what| {
             let misfits = of(what);
-            let largest = misfits.iter().copied().fold(0.0, f64::max);
-            (largest >= least).then(|| (what, misfits.iter().copied().fold(f64::MAX, f64::min)))
+            let extreme = |start: f64, better: fn(f64, f64) -> f64| {
+                misfits.iter().copied().fold(start, better)
+            };
+            (what, extreme(f64::MAX, f64::min), extreme(0.0, f64::max))
         })
+        .filter(|(.., largest)| *largest >= BARE_MENTION)
         .collect();
     list.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    list.into_iter().map(|(what, _)| what).collect()
+    let best = list.first().map(|(what, ..)| *what);
+    list.retain(|(.., largest)| *largest >= least);
+    if list.is_empty() {
+        return best.into_iter().collect();
+    }
+    list.into_iter().map(|(what, ..)| what).collect()
 }
 
 impl Search<'_> {
@@ -352,6 +361,10 @@ mod tests {
             suggested(&rivals, 7.0),
             [Measurement::AorticFlow, Measurement::Qrs]
         );
+        // Nothing separates well: the best is suggested, if it is of any use.
+        let weak = [vec![(Measurement::Strain, 3.0), (Measurement::Cuff, 1.0)]];
+        assert_eq!(suggested(&weak, 7.0), [Measurement::Strain]);
+        assert!(suggested(&[vec![(Measurement::Cuff, 1.0)]], 7.0).is_empty());
         assert!(suggested(&[], 7.0).is_empty());
     }
 }

@@ -81,7 +81,9 @@ fn mitral_flow_tells_a_septal_defect_from_mitral_regurgitation() {
 }
 
 #[test]
-fn times_of_valves_tell_slow_relaxation_from_dyssynchrony() {
-    let [without, _] = shown_by(Measurement::ValveTimes, 22, &["dyssynchrony"]);
-    assert_eq!(without.accepted, ["dyssynchrony"]);
+fn times_of_valves_and_qrs_tell_slow_relaxation_from_dyssynchrony() {
+    for kind in [Measurement::ValveTimes, Measurement::Qrs] {
+        let [without, _] = shown_by(kind, 22, &["dyssynchrony"]);
+        assert_eq!(without.accepted, ["dyssynchrony"]);
+    }
 }
