@@ -226,15 +226,15 @@ pub struct DiscoverCase {
 }
 
 /// The gap that the patient's finite-element ventricle leaves without and with the accepted effects.
-/// Step 1 personalises it for both.
+/// It is personalised for both.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FiniteElementGap {
     /// Number of nodes of the mesh.
     pub nodes: u64,
-    /// Beat of step 1 without the effects.
+    /// Beat of the twin without the effects.
     pub before: FiniteElementBeat,
-    /// Beat of step 1 with the effects.
+    /// Beat of the twin with the effects.
     pub after: FiniteElementBeat,
     /// Residuals by signal and phase over the noise of the search, with the phases of the search.
     pub gaps: Vec<GapAt>,
@@ -248,8 +248,6 @@ pub struct FiniteElementGap {
 pub struct FiniteElementBeat {
     /// Key of the task that simulated it.
     pub task: String,
-    /// Cost of the beat by the formula of step 1.
-    pub cost: f64,
     /// Root mean square of the pressure's residuals over the whole beat.
     #[serde(rename = "pressure_rms_mmHg")]
     pub pressure_rms_mmhg: f64,

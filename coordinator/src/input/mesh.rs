@@ -99,7 +99,10 @@ pub fn check(
     let told_at = |problem: Problem, key: &str| problem.at_key(key).at(position_of(document, key));
     match intake::read(&path, &asked) {
         Ok(intake) => {
-            if let (Some(accepted), Some(patient)) = (accepted, patient) {
+            // A right ventricle that the file names shows where the septum is.
+            if let (Some(accepted), Some(patient), None) =
+                (accepted, patient, &mesh.right_ventricle)
+            {
                 accepted.check_on_mesh(patient, &intake.mesh, report);
             }
             for defect in &intake.defects {

@@ -135,7 +135,7 @@ fn in_3d(case: &DiscoverCase) -> Markup {
     ];
     html! {
         h3 { "On the finite-element ventricle" }
-        p.quiet { "The same patient on a mesh of " (gap.nodes) " nodes, personalised by step 1 without and with the accepted effects; the beats that step 1 took." }
+        p.quiet { "The same patient on a mesh of " (gap.nodes) " nodes, personalised without and with the accepted effects; the beats of both twins." }
         (legend(&keys))
         div.figures.dotted {
             (figure("Pressure in 3D", figures::signal(&compared, figures::Which::Pressure), "", &html! {}))

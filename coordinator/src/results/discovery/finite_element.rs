@@ -8,13 +8,13 @@ use cardiotwin_schemas::discover::{
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::record::PatientRecord;
 
-use crate::results::comparison::PatientView;
+use crate::results::columns::Columns;
 use crate::results::signals::{SignalKind, Signals, Source, at};
 
 type Trace = Vec<(f64, f64)>;
 
-/// Compares the beats that step 1 took of the same patient without and with the effects; `None` if
-/// either has none yet.
+/// Compares the beats of a patient's twins without and with the effects; `None` if either has none
+/// yet.
 #[must_use]
 pub fn compare(
     found: &Discovered,
@@ -54,13 +54,11 @@ pub fn compare(
         nodes: organ.figures.nodes,
         before: FiniteElementBeat {
             task: without.task,
-            cost: without.cost,
             pressure_rms_mmhg: rms(&pressure, &pressure.before),
             volume_rms_ml: rms(&volume, &volume.before),
         },
         after: FiniteElementBeat {
             task: with.task,
-            cost: with.cost,
             pressure_rms_mmhg: rms(&pressure, &pressure.after),
             volume_rms_ml: rms(&volume, &volume.after),
         },
@@ -94,10 +92,9 @@ pub fn change(before: f64, after: f64) -> String {
     format!("{:+.0} %", 100.0 * (after / before - 1.0)).replace('-', "\u{2212}")
 }
 
-/// The beat that step 1 took, with the measured traces that it was fitted to.
+/// The twin's beat, with the measured traces that it was fitted to.
 struct Beat {
     task: String,
-    cost: f64,
     /// Simulated pressure and volume.
     simulated: [Trace; 2],
     /// Measured pressure and volume, corrected for accepted artefacts.
@@ -106,18 +103,16 @@ struct Beat {
 
 impl Beat {
     fn of(record: &PatientRecord) -> Option<Self> {
-        let cost = record.step1.as_ref()?.cost;
-        let run = PatientView(record).best_iteration()?.run.as_ref()?;
+        let run = record.twin()?;
+        let columns = Columns::read(&run.artefact("traces")?).ok()?;
         let signals = Signals::read(record);
-        let both = |source: Source| -> Option<[Trace; 2]> {
-            let one = |kind: SignalKind| signals.get(source, kind).map(<[_]>::to_vec);
-            Some([one(SignalKind::Pressure)?, one(SignalKind::Volume)?])
-        };
+        let simulated = |kind: SignalKind| columns.pairs("time_ms", kind.column());
+        let measured = |kind| signals.get(Source::Measured, kind).map(<[_]>::to_vec);
+        let (pressure, volume) = (SignalKind::Pressure, SignalKind::Volume);
         Some(Self {
             task: run.key.to_string(),
-            cost,
-            simulated: both(Source::Step1)?,
-            measured: both(Source::Measured)?,
+            simulated: [simulated(pressure)?, simulated(volume)?],
+            measured: [measured(pressure)?, measured(volume)?],
         })
     }
 
@@ -196,7 +191,6 @@ mod tests {
         let flat = |value: f64| vec![(0.0, value), (800.0, value)];
         Beat {
             task: String::new(),
-            cost: 0.0,
             simulated: [flat(simulated), flat(simulated)],
             measured: [flat(measured), flat(measured)],
         }

@@ -256,16 +256,15 @@ pub fn unexplained() -> Discovered {
 
 /// A gap on the finite-element ventricle, with the curves of the search.
 pub fn finite_element(found: &Discovered) -> FiniteElementGap {
-    let beat = |task: &str, cost, pressure_rms_mmhg, volume_rms_ml| FiniteElementBeat {
+    let beat = |task: &str, pressure_rms_mmhg, volume_rms_ml| FiniteElementBeat {
         task: task.to_owned(),
-        cost,
         pressure_rms_mmhg,
         volume_rms_ml,
     };
     FiniteElementGap {
         nodes: 1043,
-        before: beat("b", 0.07, 6.6, 4.4),
-        after: beat("a", 0.05, 4.1, 1.3),
+        before: beat("b", 6.6, 4.4),
+        after: beat("a", 4.1, 1.3),
         gaps: found.findings.gaps.clone(),
         series: found.series.clone(),
     }

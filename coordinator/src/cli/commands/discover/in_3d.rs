@@ -92,7 +92,7 @@ pub async fn add(
         if case.finite_element.is_none() && !ended.stopped {
             let why = (records.iter())
                 .find_map(|record| record.failure.as_ref())
-                .map_or("step 1 has no beat".to_owned(), |failure| {
+                .map_or("the twin has no beat".to_owned(), |failure| {
                     failure.message.clone()
                 });
             ended.failures.push((name.to_owned(), why));
@@ -105,7 +105,7 @@ pub async fn add(
 const WITHOUT: &str = ".without";
 const WITH: &str = ".with";
 
-/// The patient as measured and with the named effects, up to step 1, or the reason why an effect
+/// The patient as measured and with the named effects, up to step 3, or the reason why an effect
 /// cannot act.
 fn pair(
     case: &DiscoverCase,
@@ -119,8 +119,9 @@ fn pair(
     if let Some(n) = mesh_nodes {
         settings.solver.finite_element.mesh_nodes = n;
     }
-    settings.workflow.until = LastStep::Step2Verification;
-    settings.verification.enabled = false;
+    settings.workflow.until = LastStep::Step3;
+    settings.verification.enabled = true;
+    settings.posterior.enabled = false;
     let mut with = with_overlay(without.clone(), &proposed(case, None));
     with.id = PatientId(format!("{}{WITH}", case.case));
     match cannot_act_in_3d(&with.effects, &with.settings.solver) {

@@ -222,7 +222,7 @@ fn finite_element(case: &DiscoverCase, talk: &Talk) -> String {
         ]);
     }
     format!(
-        "{}the patient's finite-element ventricle of {} nodes, personalised by step 1 without and with \
+        "{}the patient's finite-element ventricle of {} nodes, personalised without and with \
          the accepted effects; rms residual divided by the noise's standard deviation\n\n",
         table.text(),
         found.nodes
@@ -260,7 +260,7 @@ fn finite_elements(cases: &DiscoverCases, talk: &Talk) -> String {
         return String::new();
     }
     format!(
-        "{}rms over the whole beat of the finite-element ventricle, personalised by step 1 without and \
+        "{}rms over the whole beat of the finite-element ventricle, personalised without and \
          with the effects\n\n",
         table.text()
     )
