@@ -137,8 +137,11 @@ pub fn confusables(
                     rival: candidates[*rival].name.clone(),
                     expected_misfit,
                 },
-                separations: (is_confusable.then(|| separations(&inner, fit, &best)))
-                    .unwrap_or_default(),
+                separations: if is_confusable {
+                    separations(&inner, fit, &best)
+                } else {
+                    Vec::new()
+                },
             })
         })
         .collect();
