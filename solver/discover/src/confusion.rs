@@ -1,7 +1,7 @@
 //! Effects that cannot be distinguished from an accepted one in this case: rivals are fitted to its
 //! noise-free output.
 
-use crate::deciding::{Separation, separations};
+use crate::deciding::{Rival, SEPARABLE, separations};
 use crate::fit::Fit;
 use crate::forward::Candidate;
 use crate::least_squares::Settings;
@@ -9,10 +9,6 @@ use crate::problem::{Data, Problem};
 use crate::search::best;
 use cardiotwin_vocabulary::findings::Confusable;
 use rayon::prelude::*;
-
-/// Misfit below which a rival cannot be distinguished: the odds are less than about 30 to 1 for
-/// noise of average magnitude.
-pub const SEPARABLE: f64 = 7.0;
 
 /// Data that the fitted model would give without noise.
 fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
@@ -46,16 +42,6 @@ fn noise_free(problem: &Problem<'_>, fit: &Fit) -> Option<Data> {
     }
     data.further = data.further.of_beat(&beat);
     Some(data)
-}
-
-/// A rival of an accepted effect.
-#[derive(Debug, Clone)]
-pub struct Rival {
-    /// Misfit that it leaves on the effect's noise-free output.
-    pub confusable: Confusable,
-    /// Misfit by which each further measurement is expected to separate it from the effect; empty for
-    /// a rival that can be distinguished.
-    pub separations: Vec<Separation>,
 }
 
 /// Rivals of one accepted term, with the misfit that each leaves on the fit's noise-free output, in

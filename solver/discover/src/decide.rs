@@ -2,7 +2,8 @@
 
 use crate::bootstrap::p_value;
 use crate::calibration::Calibration;
-use crate::confusion::{Rival, SEPARABLE, confusables, rivals};
+use crate::confusion::{confusables, rivals};
+use crate::deciding::{Rival, SEPARABLE};
 use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy, Views};
 use crate::fit::Fit;
 use crate::forward::Forward;

@@ -6,7 +6,6 @@
 //! derivatives J and the curvature H of the rival's fit it is dᵀ d − dᵀ J (H + Jᵀ J)⁻¹ Jᵀ d.
 
 use crate::channel::{Channel, Loaded, QRS_MODEL_SD_MS, VALVE_MODEL_SD_MS};
-use crate::confusion::{Rival, SEPARABLE};
 use crate::fit::Fit;
 use crate::forward::{LoadedPrediction, Prediction};
 use crate::further::{FurtherTrace, LoadedBeat, Quantity};
@@ -14,8 +13,23 @@ use crate::measured::Uncertain;
 use crate::problem::Problem;
 use crate::stage::{BARE_MENTION, Search, SearchStage};
 use crate::valves::cyclic;
+use cardiotwin_vocabulary::findings::Confusable;
 use cardiotwin_vocabulary::measurements::Measurement;
 use nalgebra::{DMatrix, DVector};
+
+/// Misfit below which a rival cannot be distinguished: the odds are less than about 30 to 1 for
+/// noise of average magnitude.
+pub const SEPARABLE: f64 = 7.0;
+
+/// A rival of an accepted effect.
+#[derive(Debug, Clone)]
+pub struct Rival {
+    /// Misfit that it leaves on the effect's noise-free output.
+    pub confusable: Confusable,
+    /// Misfit by which each further measurement is expected to separate it from the effect; empty for
+    /// a rival that can be distinguished.
+    pub separations: Vec<Separation>,
+}
 
 /// Step of the differences in z.
 const STEP: f64 = 0.02;

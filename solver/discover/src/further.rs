@@ -1,7 +1,8 @@
 //! Measurements besides pressure and volume of one steady beat: further traces, times of valves, the
 //! width of QRS, and beats under changed load.
 
-use crate::measured::{MeasuredError, Uncertain, positive};
+use crate::measured_error::{MeasuredError, positive};
+use crate::uncertain::Uncertain;
 use cardiotwin_vocabulary::measurements::Measurement;
 use serde::{Deserialize, Serialize};
 

@@ -19,6 +19,7 @@ pub mod learnt;
 pub mod least_squares;
 pub mod locate;
 pub mod measured;
+pub mod measured_error;
 pub mod moves;
 pub mod noise;
 pub mod parameter;
@@ -34,6 +35,7 @@ pub mod settings;
 pub mod signal;
 pub mod stage;
 mod stepwise;
+pub mod uncertain;
 pub mod unexplained;
 pub mod valves;
 

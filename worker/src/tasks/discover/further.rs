@@ -7,7 +7,7 @@ use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_schemas::further::{FurtherQuantity, FurtherTraceSpec, LoadedBeatSpec};
 use cardiotwin_signals::Quantity as Column;
 
-use super::measured::{frames, within_cycle};
+use super::samples::{frames, within_cycle};
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 

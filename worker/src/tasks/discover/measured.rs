@@ -9,6 +9,7 @@ use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace, resample
 use cardiotwin_units::Ms;
 
 use super::further;
+use super::samples::{frames, within_cycle};
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
@@ -139,43 +140,6 @@ fn given_loads(spec: &DiscoverSpec) -> GivenLoads {
         }),
         compliance: load.and_then(|load| around(load.compliance_ml_per_mmhg, COMPLIANCE_SD)),
     }
-}
-
-/// Removes samples after the end of the cycle, which belong to the next beat or repeat the first
-/// sample.
-pub(super) fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
-    let n = trace.time_ms().partition_point(|t| *t < cycle_ms - 1e-6);
-    let (quantity, times, values) = (
-        trace.quantity(),
-        &trace.time_ms()[..n],
-        &trace.values()[..n],
-    );
-    Trace::new(quantity, times.to_vec(), values.to_vec()).map_err(|error| TaskError::Measured {
-        role: quantity.column().to_owned(),
-        message: error.to_string(),
-    })
-}
-
-/// Reduces a trace that was interpolated between frames to as many samples as there were frames,
-/// because it holds no more information.
-pub(super) fn frames(volume: Trace, n_frames: Option<u32>) -> Result<Trace, TaskError> {
-    let n = volume.n_samples();
-    let Some(n_frames) = n_frames
-        .map(|frames| frames as usize)
-        .filter(|frames| *frames < n && *frames > 0)
-    else {
-        return Ok(volume);
-    };
-    let keep = |values: &[f64]| (0..n_frames).map(|k| values[k * n / n_frames]).collect();
-    Trace::new(
-        Quantity::Volume,
-        keep(volume.time_ms()),
-        keep(volume.values()),
-    )
-    .map_err(|error| TaskError::Measured {
-        role: "volume".to_owned(),
-        message: error.to_string(),
-    })
 }
 
 impl Patient {

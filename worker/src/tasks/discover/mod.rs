@@ -6,6 +6,7 @@ mod further;
 mod indices;
 mod measured;
 mod model;
+mod samples;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
