@@ -116,7 +116,7 @@ fn what_is_wrong_is_named_with_its_key_and_line() {
         &["measured.valve_times.aortic_closure_ms", "opening at 90 ms"],
     );
     only(
-        &with("aortic_opening_ms = 90", "aortic_opening_ms = 900"),
+        &with("aortic_opening_ms = 90", "aortic_opening_ms = -50"),
         &["measured.valve_times.aortic_opening_ms", "0 to 700 ms"],
     );
     only(
