@@ -32,8 +32,8 @@ mod wave_reflection;
 
 pub use assembly::{Assembled, BaseModel, add_to_circulation, assemble, measurement};
 pub use declaration::{
-    Action, Effect, InThreeDimensions, Kind, Mark, OneFibreParts, Parameter, Phase, Role, Sign,
-    Signal,
+    Action, Effect, InThreeDimensions, Kind, Mark, ONE_OF_MANY, OneFibreParts, Parameter, Phase,
+    Role, Sign, Signal,
 };
 pub use error::EffectError;
 pub use measurement::{Measurement, MeasurementTerm, PeriodicTraces};
