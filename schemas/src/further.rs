@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::input_file::InputFile;
 
+pub use cardiotwin_vocabulary::measurements::FurtherQuantity;
+
 /// Further traces over the same cycle, on the clock of pressure and volume.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -137,36 +139,6 @@ pub struct LoadedBeat {
     /// Cycle length of this beat; that of the patient if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cycle_length_ms: Option<f64>,
-}
-
-/// Quantity of a further trace.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum FurtherQuantity {
-    /// Pressure in the aorta, mmHg.
-    AorticPressure,
-    /// Flow through the aortic valve, mL/s.
-    AorticFlow,
-    /// Flow through the mitral valve, mL/s.
-    MitralFlow,
-    /// Pressure in the left atrium, mmHg.
-    AtrialPressure,
-    /// Strain of the whole wall, %.
-    Strain,
-}
-
-impl FurtherQuantity {
-    /// Name of the table in `patient.toml`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::AorticPressure => "aortic_pressure",
-            Self::AorticFlow => "aortic_flow",
-            Self::MitralFlow => "mitral_flow",
-            Self::AtrialPressure => "atrial_pressure",
-            Self::Strain => "strain",
-        }
-    }
 }
 
 /// A further trace of a patient's file, whatever its quantity.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use cardiotwin_schemas::further::FurtherQuantity;
 use cardiotwin_schemas::patient::{Measured, PatientFile};
-use cardiotwin_signals::checks::{self, FurtherTrace, Source};
+use cardiotwin_signals::checks::{self, Source};
 use cardiotwin_signals::read::read_trace;
 use cardiotwin_signals::{Quantity, Trace};
 use cardiotwin_units::Ms;
@@ -13,27 +13,12 @@ use cardiotwin_units::Ms;
 use super::patient::Values;
 use super::report::Report;
 
-/// Largest noise of a trace, in the unit of its quantity.
-fn largest_rms(of: FurtherQuantity) -> (f64, &'static str, &'static str) {
+/// Largest noise of a trace, in the unit of its quantity, and its key.
+fn largest_rms(of: FurtherQuantity) -> (f64, &'static str) {
     match of {
-        FurtherQuantity::AorticPressure | FurtherQuantity::AtrialPressure => {
-            (50.0, "mmHg", "rms_mmHg")
-        }
-        FurtherQuantity::AorticFlow | FurtherQuantity::MitralFlow => {
-            (300.0, "mL/s", "rms_mL_per_s")
-        }
-        FurtherQuantity::Strain => (20.0, "%", "rms_percent"),
-    }
-}
-
-/// Column of the file, and what the checks call the trace.
-fn column(of: FurtherQuantity) -> (Quantity, FurtherTrace) {
-    match of {
-        FurtherQuantity::AorticPressure => (Quantity::Pressure, FurtherTrace::AorticPressure),
-        FurtherQuantity::AorticFlow => (Quantity::Flow, FurtherTrace::AorticFlow),
-        FurtherQuantity::MitralFlow => (Quantity::Flow, FurtherTrace::MitralFlow),
-        FurtherQuantity::AtrialPressure => (Quantity::Pressure, FurtherTrace::AtrialPressure),
-        FurtherQuantity::Strain => (Quantity::Strain, FurtherTrace::Strain),
+        FurtherQuantity::AorticPressure | FurtherQuantity::AtrialPressure => (50.0, "rms_mmHg"),
+        FurtherQuantity::AorticFlow | FurtherQuantity::MitralFlow => (300.0, "rms_mL_per_s"),
+        FurtherQuantity::Strain => (20.0, "rms_percent"),
     }
 }
 
@@ -64,7 +49,8 @@ impl Values<'_> {
         }
         for trace in measured.traces.iter().flat_map(|traces| traces.stated()) {
             let table = format!("measured.traces.{}", trace.quantity.name());
-            let (largest, unit, key) = largest_rms(trace.quantity);
+            let (largest, key) = largest_rms(trace.quantity);
+            let unit = trace.quantity.unit();
             self.range(&format!("{table}.{key}"), trace.rms, 0.0, largest, unit);
             let correlation = format!("{table}.correlation_ms");
             self.range(&correlation, trace.correlation_ms, 0.0, 1000.0, "ms");
@@ -138,8 +124,7 @@ pub(super) fn check(file: &PatientFile, folder: &Path, cycle_is_sound: bool, rep
     };
     let measured = &file.measured;
     for stated in measured.traces.iter().flat_map(|traces| traces.stated()) {
-        let (quantity, which) = column(stated.quantity);
-        let Some(trace) = read(stated.file, quantity, report) else {
+        let Some(trace) = read(stated.file, stated.quantity.into(), report) else {
             continue;
         };
         if cycle_is_sound {
@@ -148,7 +133,8 @@ pub(super) fn check(file: &PatientFile, folder: &Path, cycle_is_sound: bool, rep
                 file: &path,
                 trace: &trace,
             };
-            for problem in checks::check_further(which, source, Ms(file.cycle_length_ms)) {
+            for problem in checks::check_further(stated.quantity, source, Ms(file.cycle_length_ms))
+            {
                 report.add(patient, problem);
             }
         }

@@ -1,5 +1,71 @@
 //! Measurements that the search for missing effects reads, besides pressure and volume of the
-//! ventricle, as suggestions name them.
+//! ventricle: the quantities of further traces, and all measurements as suggestions name them.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Quantity of a further trace.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum FurtherQuantity {
+    /// Pressure in the aorta, mmHg.
+    AorticPressure,
+    /// Flow through the aortic valve, mL/s.
+    AorticFlow,
+    /// Flow through the mitral valve, mL/s.
+    MitralFlow,
+    /// Pressure in the left atrium, mmHg.
+    AtrialPressure,
+    /// Strain of the whole wall, %.
+    Strain,
+}
+
+impl FurtherQuantity {
+    /// All quantities, in the order of their tables in results.
+    pub const ALL: [Self; 5] = [
+        Self::AorticPressure,
+        Self::AorticFlow,
+        Self::MitralFlow,
+        Self::AtrialPressure,
+        Self::Strain,
+    ];
+
+    /// Name in files and results, such as that of the table in `patient.toml`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::AorticPressure => "aortic_pressure",
+            Self::AorticFlow => "aortic_flow",
+            Self::MitralFlow => "mitral_flow",
+            Self::AtrialPressure => "atrial_pressure",
+            Self::Strain => "strain",
+        }
+    }
+
+    /// Unit of the values.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::AorticPressure | Self::AtrialPressure => "mmHg",
+            Self::AorticFlow | Self::MitralFlow => "mL/s",
+            Self::Strain => "%",
+        }
+    }
+
+    /// The quantity as a measurement that is suggested.
+    #[must_use]
+    pub const fn measurement(self) -> Measurement {
+        match self {
+            Self::AorticPressure => Measurement::AorticPressure,
+            Self::AorticFlow => Measurement::AorticFlow,
+            Self::MitralFlow => Measurement::MitralFlow,
+            Self::AtrialPressure => Measurement::AtrialPressure,
+            Self::Strain => Measurement::Strain,
+        }
+    }
+}
 
 /// A measurement with a place in `patient.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

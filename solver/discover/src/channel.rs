@@ -4,12 +4,13 @@
 //! healthy hearts belong to pressure and volume of the steady beat, and are not used here.
 
 use crate::forward::{LoadedPrediction, Prediction};
-use crate::further::{FurtherTrace, LoadedBeat, Quantity};
+use crate::further::{FurtherTrace, LoadedBeat};
 use crate::measured::Measured;
 use crate::noise::{
     ModelDiscrepancy, NoiseLevels, Signal, bell, bins, correlation, means, pressure_signal, slopes,
     volume_signal,
 };
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 use nalgebra::DMatrix;
 
 /// Errors by which the model misses a quantity although no effect is missing, and usual errors of
@@ -37,13 +38,13 @@ impl Tolerance {
     /// transducers are zeroed to 1 mmHg, and flow MRI has a factor of 5 % (the usual errors that
     /// `solver/validation` draws, too). A strain's factor depends on direction and layer of the wall.
     #[must_use]
-    pub fn of(quantity: Quantity) -> Self {
+    pub fn of(quantity: FurtherQuantity) -> Self {
         let (smooth, smooth_ms, offset, timing_ms, factor) = match quantity {
-            Quantity::AorticPressure => (1.8, 40.0, 1.0, 2.0, 0.0),
-            Quantity::AorticFlow => (11.0, 20.0, 2.0, 4.0, 0.05),
-            Quantity::MitralFlow => (17.0, 35.0, 2.0, 4.0, 0.05),
-            Quantity::AtrialPressure => (1.0, 100.0, 1.5, 4.0, 0.0),
-            Quantity::Strain => (0.8, 100.0, 0.7, 4.0, 0.2),
+            FurtherQuantity::AorticPressure => (1.8, 40.0, 1.0, 2.0, 0.0),
+            FurtherQuantity::AorticFlow => (11.0, 20.0, 2.0, 4.0, 0.05),
+            FurtherQuantity::MitralFlow => (17.0, 35.0, 2.0, 4.0, 0.05),
+            FurtherQuantity::AtrialPressure => (1.0, 100.0, 1.5, 4.0, 0.0),
+            FurtherQuantity::Strain => (0.8, 100.0, 0.7, 4.0, 0.2),
         };
         Self {
             smooth,
@@ -72,7 +73,7 @@ const SLOPE_MS: f64 = 10.0;
 #[derive(Debug, Clone)]
 pub struct Channel {
     /// Quantity that was measured.
-    pub quantity: Quantity,
+    pub quantity: FurtherQuantity,
     /// Its data, at the times of the heart.
     pub signal: Signal,
 }
@@ -300,7 +301,7 @@ mod tests {
     fn channel(delay_ms: f64, factor: f64, error: impl Fn(f64) -> f64) -> Channel {
         let time_ms: Vec<f64> = (0..800).map(f64::from).collect();
         let trace = FurtherTrace {
-            quantity: Quantity::AtrialPressure,
+            quantity: FurtherQuantity::AtrialPressure,
             value: time_ms
                 .iter()
                 .map(|t| wave(t - delay_ms) + error(*t))

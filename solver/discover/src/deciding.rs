@@ -8,12 +8,14 @@
 use crate::channel::{Channel, Loaded, QRS_MODEL_SD_MS, VALVE_MODEL_SD_MS};
 use crate::fit::Fit;
 use crate::forward::{LoadedPrediction, Prediction};
-use crate::further::{FurtherTrace, LoadedBeat, Quantity};
+use crate::further::{FurtherTrace, LoadedBeat};
 use crate::measured::Uncertain;
 use crate::problem::Problem;
 use crate::stage::{BARE_MENTION, Search, SearchStage};
+use crate::usual;
 use crate::valves::cyclic;
 use cardiotwin_vocabulary::findings::Confusable;
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 use cardiotwin_vocabulary::measurements::Measurement;
 use nalgebra::{DMatrix, DVector};
 
@@ -37,10 +39,6 @@ const STEP: f64 = 0.02;
 const LOWER: f64 = 0.6;
 /// Frames of an image series over a cycle.
 const FRAMES: usize = 33;
-/// Correlation time of usual noise \[ms\].
-const CORRELATION_MS: f64 = 10.0;
-/// Usual standard deviations of a valve's time and of a duration of QRS \[ms\].
-const TIMES_SD_MS: (f64, f64) = (5.0, 4.0);
 
 /// Base parameters that differ under another load, with the priors' standard deviations of the
 /// logarithms of their factors.
@@ -85,29 +83,27 @@ fn beats(problem: &Problem<'_>, fit: &Fit, values: &[f64], load: [f64; 3]) -> Op
 /// White residuals of beats against what one measurement shows of the true ones.
 type White<'a> = Box<dyn Fn(&Beats) -> Option<Vec<f64>> + 'a>;
 
-fn trace(quantity: Quantity, truth: &Prediction, cycle_ms: f64) -> White<'static> {
+fn trace(quantity: FurtherQuantity, truth: &Prediction, cycle_ms: f64) -> White<'static> {
     let n = match quantity {
-        Quantity::AorticPressure | Quantity::AtrialPressure => cycle_ms as usize,
-        Quantity::AorticFlow | Quantity::MitralFlow | Quantity::Strain => FRAMES,
+        FurtherQuantity::AorticPressure | FurtherQuantity::AtrialPressure => cycle_ms as usize,
+        FurtherQuantity::AorticFlow | FurtherQuantity::MitralFlow | FurtherQuantity::Strain => {
+            FRAMES
+        }
     };
     let time_ms: Vec<f64> = (0..n).map(|k| k as f64 * cycle_ms / n as f64).collect();
     let measured = FurtherTrace {
         quantity,
         value: truth.sampled(truth.further(quantity), &time_ms),
         time_ms,
-        rms: quantity.usual_rms(),
-        correlation_ms: CORRELATION_MS,
+        rms: usual::trace_rms(quantity),
+        correlation_ms: usual::CORRELATION_MS,
         delay: Uncertain {
             value: 0.0,
             sd: 0.0,
         },
     };
     let channel = Channel::new(&measured, cycle_ms, 1.0);
-    Box::new(move |beats| {
-        let model = channel.model(&beats.rest);
-        let whitener = channel.signal.whitener(&model);
-        Some(whitener.whiten(&channel.signal.residual(&model)))
-    })
+    Box::new(move |beats| Some(channel.signal.white(&channel.model(&beats.rest))))
 }
 
 fn loaded<'a>(problem: &Problem<'_>, truth: &Prediction) -> White<'a> {
@@ -129,16 +125,11 @@ fn loaded<'a>(problem: &Problem<'_>, truth: &Prediction) -> White<'a> {
             volume_ml: lower.volume_ml.clone(),
         };
         let [pressure, volume] = loaded.models(&prediction);
-        let white = |signal: &crate::signal::Signal, model: &[f64]| {
-            signal.whitener(model).whiten(&signal.residual(model))
-        };
-        Some(
-            [
-                white(&loaded.pressure, &pressure),
-                white(&loaded.volume, &volume),
-            ]
-            .concat(),
-        )
+        let white = [
+            loaded.pressure.white(&pressure),
+            loaded.volume.white(&volume),
+        ];
+        Some(white.concat())
     })
 }
 
@@ -147,7 +138,7 @@ fn measurements<'a>(problem: &'a Problem<'_>, truth: &'a Beats) -> Vec<(Measurem
     let measured = &problem.data.measured;
     let (side, cycle) = (&measured.side, measured.cycle_ms);
     let mut list: Vec<(Measurement, White<'a>)> = Vec::new();
-    for quantity in Quantity::ALL {
+    for quantity in FurtherQuantity::ALL {
         if !measured.further.has(quantity) {
             list.push((quantity.measurement(), trace(quantity, &truth.rest, cycle)));
         }
@@ -159,7 +150,7 @@ fn measurements<'a>(problem: &'a Problem<'_>, truth: &'a Beats) -> Vec<(Measurem
         let white = move |beats: &Beats| {
             let model = beats.rest.valve_times_ms?;
             let residual = |k: usize| {
-                cyclic(times[k] - model[k], cycle) / TIMES_SD_MS.0.hypot(VALVE_MODEL_SD_MS[k])
+                cyclic(times[k] - model[k], cycle) / usual::VALVE_SD_MS.hypot(VALVE_MODEL_SD_MS[k])
             };
             Some((0..4).map(residual).collect())
         };
@@ -170,11 +161,11 @@ fn measurements<'a>(problem: &'a Problem<'_>, truth: &'a Beats) -> Vec<(Measurem
         list.push((what, Box::new(white)));
     };
     if side.qrs_ms.is_none() {
-        let sd = TIMES_SD_MS.1.hypot(QRS_MODEL_SD_MS);
+        let sd = usual::QRS_SD_MS.hypot(QRS_MODEL_SD_MS);
         scalar(Measurement::Qrs, sd, |beat| beat.qrs_ms);
     }
     if side.forward_stroke_volume.is_none() {
-        let sd = 0.07 * rest.forward_stroke_volume_ml.abs().max(1.0);
+        let sd = usual::STROKE_VOLUME_SD * rest.forward_stroke_volume_ml.abs().max(1.0);
         scalar(Measurement::ForwardStrokeVolume, sd, |beat| {
             beat.forward_stroke_volume_ml
         });
@@ -183,18 +174,18 @@ fn measurements<'a>(problem: &'a Problem<'_>, truth: &'a Beats) -> Vec<(Measurem
         let white = move |beats: &Beats| {
             let model = &beats.rest;
             Some(vec![
-                (rest.systolic_mmhg - model.systolic_mmhg) / 4.0,
-                (rest.diastolic_mmhg - model.diastolic_mmhg) / 4.0,
+                (rest.systolic_mmhg - model.systolic_mmhg) / usual::CUFF_SD_MMHG,
+                (rest.diastolic_mmhg - model.diastolic_mmhg) / usual::CUFF_SD_MMHG,
             ])
         };
         list.push((Measurement::Cuff, Box::new(white)));
     }
     if side.whole_heart.is_none() {
-        // In diastasis, at three quarters of the cycle; 4 % uncertain.
+        // In diastasis, at three quarters of the cycle.
         let at = move |beat: &Prediction| beat.at(&beat.true_volume_ml, 0.75 * cycle);
         let white = move |beats: &Beats| {
             let truth = at(rest);
-            Some(vec![(truth - at(&beats.rest)) / (0.04 * truth)])
+            Some(vec![(truth - at(&beats.rest)) / (usual::IMAGE_SD * truth)])
         };
         list.push((Measurement::WholeHeartVolume, Box::new(white)));
     }

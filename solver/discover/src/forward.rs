@@ -1,9 +1,9 @@
 //! Interface between the search and a model: parameters, candidates and the predicted beat.
 
-use crate::further::Quantity;
 use crate::parameter::Parameter;
 use cardiotwin_models::periodic::Orbit;
 use cardiotwin_vocabulary::findings::InThreeDimensions;
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 
 /// A beat as it would be measured, on a uniform periodic grid.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -101,13 +101,13 @@ impl Prediction {
 
     /// Trace of a further quantity.
     #[must_use]
-    pub fn further(&self, quantity: Quantity) -> &[f64] {
+    pub fn further(&self, quantity: FurtherQuantity) -> &[f64] {
         match quantity {
-            Quantity::AorticPressure => &self.aortic_pressure_mmhg,
-            Quantity::AorticFlow => &self.aortic_flow_ml_per_s,
-            Quantity::MitralFlow => &self.mitral_flow_ml_per_s,
-            Quantity::AtrialPressure => &self.atrial_pressure_mmhg,
-            Quantity::Strain => &self.strain_percent,
+            FurtherQuantity::AorticPressure => &self.aortic_pressure_mmhg,
+            FurtherQuantity::AorticFlow => &self.aortic_flow_ml_per_s,
+            FurtherQuantity::MitralFlow => &self.mitral_flow_ml_per_s,
+            FurtherQuantity::AtrialPressure => &self.atrial_pressure_mmhg,
+            FurtherQuantity::Strain => &self.strain_percent,
         }
     }
 }

@@ -3,87 +3,14 @@
 
 use crate::measured_error::{MeasuredError, positive};
 use crate::uncertain::Uncertain;
-use cardiotwin_vocabulary::measurements::Measurement;
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 use serde::{Deserialize, Serialize};
-
-/// Quantity of a further trace.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Quantity {
-    /// Pressure in the aorta above the valve \[mmHg\].
-    AorticPressure,
-    /// Flow through the aortic valve \[mL/s\], positive out of the ventricle.
-    AorticFlow,
-    /// Flow through the mitral valve \[mL/s\], positive into the ventricle; blood that leaks back is
-    /// negative.
-    MitralFlow,
-    /// Pressure in the left atrium or behind an occluded pulmonary artery (wedge) \[mmHg\].
-    AtrialPressure,
-    /// Strain of the whole wall along its circumference or its length \[%\], zero at time zero and
-    /// negative where the wall is shorter.
-    Strain,
-}
-
-impl Quantity {
-    /// All quantities.
-    pub const ALL: [Self; 5] = [
-        Self::AorticPressure,
-        Self::AorticFlow,
-        Self::MitralFlow,
-        Self::AtrialPressure,
-        Self::Strain,
-    ];
-
-    /// Name in files and results.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::AorticPressure => "aortic_pressure",
-            Self::AorticFlow => "aortic_flow",
-            Self::MitralFlow => "mitral_flow",
-            Self::AtrialPressure => "atrial_pressure",
-            Self::Strain => "strain",
-        }
-    }
-
-    /// Rms of the noise of a trace without a stated one, in the unit of the quantity: a catheter with
-    /// fluid, flow MRI of one heart beat in a frame, speckle tracking of one segment.
-    #[must_use]
-    pub fn usual_rms(self) -> f64 {
-        match self {
-            Self::AorticPressure | Self::AtrialPressure | Self::Strain => 1.0,
-            Self::AorticFlow | Self::MitralFlow => 15.0,
-        }
-    }
-
-    /// The quantity as a measurement that is suggested.
-    #[must_use]
-    pub fn measurement(self) -> Measurement {
-        match self {
-            Self::AorticPressure => Measurement::AorticPressure,
-            Self::AorticFlow => Measurement::AorticFlow,
-            Self::MitralFlow => Measurement::MitralFlow,
-            Self::AtrialPressure => Measurement::AtrialPressure,
-            Self::Strain => Measurement::Strain,
-        }
-    }
-
-    /// Unit of the values.
-    #[must_use]
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::AorticPressure | Self::AtrialPressure => "mmHg",
-            Self::AorticFlow | Self::MitralFlow => "mL/s",
-            Self::Strain => "%",
-        }
-    }
-}
 
 /// A further trace over the cycle, on the clock of pressure and volume.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FurtherTrace {
     /// Quantity that was measured.
-    pub quantity: Quantity,
+    pub quantity: FurtherQuantity,
     /// Times of the samples \[ms\], increasing, within one cycle.
     pub time_ms: Vec<f64>,
     /// Values of the samples, in the unit of the quantity.
@@ -174,7 +101,7 @@ const SAMPLES: usize = 12;
 impl Further {
     /// Whether a quantity was measured.
     #[must_use]
-    pub fn has(&self, quantity: Quantity) -> bool {
+    pub fn has(&self, quantity: FurtherQuantity) -> bool {
         self.traces.iter().any(|trace| trace.quantity == quantity)
     }
 

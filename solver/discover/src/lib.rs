@@ -37,6 +37,7 @@ pub mod stage;
 mod stepwise;
 pub mod uncertain;
 pub mod unexplained;
+pub mod usual;
 pub mod valves;
 
 pub use decide::{DiscoverError, discover};

@@ -5,13 +5,12 @@
 //! without any model.
 
 use crate::measured::{Measured, STATED_NOISE_SD};
+use crate::usual;
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 
 pub use crate::signal::{Signal, Whitener};
 
-/// Correlation time if the file states none \[ms\].
-const USUAL_CORRELATION_MS: f64 = 10.0;
 /// Noise of a volume frame if the file states none \[mL\].
 const USUAL_VOLUME_RMS_ML: f64 = 2.5;
 /// Correlation of neighbouring frames, because one segmentation helps the next.
@@ -46,7 +45,7 @@ impl NoiseLevels {
         let tau = measured
             .noise
             .pressure_correlation_ms
-            .unwrap_or(USUAL_CORRELATION_MS);
+            .unwrap_or(usual::CORRELATION_MS);
         let seen = high_band_power(measured, tau);
         let (mut rms, mut correlation) = (measured.noise.pressure_rms_mmhg.unwrap_or(1.0), tau);
         let mut seen_over_stated = None;

@@ -3,7 +3,6 @@
 
 use crate::activation::{ActivationCurve, CurveParameters};
 use crate::forward::{Candidate, Forward, LoadedPrediction, Orbits, Prediction, Request};
-use crate::further::Quantity;
 use crate::measured::{Measured, Uncertain};
 use crate::parameter::Parameter;
 use crate::valves::{Traces, reservoir, valve_times};
@@ -19,6 +18,7 @@ use cardiotwin_models::ventricle::{
 };
 use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
 use cardiotwin_vocabulary::findings::InThreeDimensions;
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 
 /// Time step of a simulated beat \[ms\].
 const STEP: Ms = Ms(2.0);
@@ -196,7 +196,7 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
 /// first beats of an occlusion for that reason): by a fifth and by a tenth here.
 fn further_priors(m: &Measured) -> Vec<Parameter> {
     let mut list = Vec::new();
-    if m.further.has(Quantity::AtrialPressure) {
+    if m.further.has(FurtherQuantity::AtrialPressure) {
         let name = "atrial_compliance_mL_per_mmHg";
         list.push(log(name, (2.0, 80.0), ATRIAL_COMPLIANCE, 0.6));
     }
@@ -302,7 +302,7 @@ impl Reduced {
             base: [base_priors(measured), further_priors(measured)].concat(),
             candidates: CATALOGUE.into_iter().map(candidate).collect(),
             effects: CATALOGUE.to_vec(),
-            atrium: measured.further.has(Quantity::AtrialPressure),
+            atrium: measured.further.has(FurtherQuantity::AtrialPressure),
             loads: (measured.further.loaded.iter())
                 .map(|beat| Ms(beat.cycle_ms))
                 .collect(),
@@ -436,26 +436,19 @@ impl Reduced {
         cycle: Ms,
         warm: Option<&Orbit>,
     ) -> Option<(PeriodicBeat, Assembled)> {
-        let near = warm.and_then(|orbit| self.beat_from(request, base, cycle, Some(orbit)));
-        near.or_else(|| self.beat_from(request, base, cycle, None))
-    }
-
-    fn beat_from(
-        &self,
-        request: &Request<'_>,
-        base: &[f64],
-        cycle: Ms,
-        warm: Option<&Orbit>,
-    ) -> Option<(PeriodicBeat, Assembled)> {
-        let base = self.base_model(base, request.bumps, cycle)?;
-        let mut model = assemble(base, &self.settings(request.terms)).ok()?;
         let settings = PeriodicSettings {
             tolerance: TOLERANCE,
             limit: BEATS,
             ..PeriodicSettings::with_step(cycle, STEP)
         };
-        let beat = find(&mut model, cycle, &settings, warm).ok()?;
-        beat.periodic.then_some((beat, model))
+        let from = |start: Option<&Orbit>| {
+            let base = self.base_model(base, request.bumps, cycle)?;
+            let mut model = assemble(base, &self.settings(request.terms)).ok()?;
+            let beat = find(&mut model, cycle, &settings, start).ok()?;
+            beat.periodic.then_some((beat, model))
+        };
+        let near = warm.and_then(|orbit| from(Some(orbit)));
+        near.or_else(|| from(None))
     }
 
     /// Base values with the filling pressure and the peripheral resistance of a beat under changed

@@ -151,6 +151,14 @@ impl Signal {
         }
     }
 
+    /// White residuals, data minus model.
+    ///
+    /// - `model`: values of the model at the times of the data
+    #[must_use]
+    pub fn white(&self, model: &[f64]) -> Vec<f64> {
+        self.whitener(model).whiten(&self.residual(model))
+    }
+
     /// Standard deviation of the mean error of the data at some indices.
     ///
     /// - `model`: values of the model at the times of all data

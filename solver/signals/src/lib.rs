@@ -12,6 +12,7 @@ pub mod checks;
 mod cycle;
 pub mod image;
 pub mod noise_windows;
+pub mod pressure_volume_loop;
 pub mod problem;
 pub mod read;
 pub mod resample;

@@ -1,5 +1,6 @@
 //! A sampled quantity over time.
 
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 use serde::{Deserialize, Serialize};
 
 /// Quantity of a trace, with its unit.
@@ -54,6 +55,17 @@ impl Quantity {
             Self::Stretch => "",
             Self::Flow => "mL/s",
             Self::Strain => "%",
+        }
+    }
+}
+
+/// Quantity in the file of a further trace.
+impl From<FurtherQuantity> for Quantity {
+    fn from(further: FurtherQuantity) -> Self {
+        match further {
+            FurtherQuantity::AorticPressure | FurtherQuantity::AtrialPressure => Self::Pressure,
+            FurtherQuantity::AorticFlow | FurtherQuantity::MitralFlow => Self::Flow,
+            FurtherQuantity::Strain => Self::Strain,
         }
     }
 }

@@ -94,14 +94,7 @@ fn section(case: &DiscoverCase) -> Markup {
             header { h2 { (case.case) } span.badge { (verdict(case)) } }
             p.summary { (case.summary) }
             (legend(&keys))
-            div.figures.dotted {
-                (figure("Pressure", figures::signal(&reduced, figures::Which::Pressure), "", &html! {}))
-                (figure("Volume", figures::signal(&reduced, figures::Which::Volume), "", &html! {}))
-                (figure("Residual of the pressure", figures::residual(&reduced, figures::Which::Pressure), "",
-                    &html! { ", data minus model; the band is twice the noise" }))
-                (figure("Residual of the volume", figures::residual(&reduced, figures::Which::Volume), "",
-                    &html! { ", data minus model; the band is twice the noise" }))
-            }
+            (traces_and_residuals(&reduced, ""))
             div.tables {
                 (tables::ranking(case))
                 (tables::gaps(case))
@@ -115,6 +108,27 @@ fn section(case: &DiscoverCase) -> Markup {
                 "seed " (found.seed) " · an effect is named if its evidence, prior odds included, exceeds " (format!("{:.1}", found.findings.threshold))
                 " · p = " (format!("{:.4}", found.findings.p_value)) " · " (found.n_evaluations) " parameter sets · data "
                 @for (role, hash) in &found.data { (role) " " code { (hash.chars().take(12).collect::<String>()) } " " }
+            }
+        }
+    }
+}
+
+/// Traces of both signals and their residuals.
+///
+/// - `place`: end of each title
+fn traces_and_residuals(compared: &figures::Compared<'_>, place: &str) -> Markup {
+    let band = html! { ", data minus model; the band is twice the noise" };
+    let both = [
+        ("Pressure", "pressure", figures::Which::Pressure),
+        ("Volume", "volume", figures::Which::Volume),
+    ];
+    html! {
+        div.figures.dotted {
+            @for (title, _, which) in both {
+                (figure(&format!("{title}{place}"), figures::signal(compared, which), "", &html! {}))
+            }
+            @for (_, name, which) in both {
+                (figure(&format!("Residual of the {name}{place}"), figures::residual(compared, which), "", &band))
             }
         }
     }
@@ -137,14 +151,7 @@ fn in_3d(case: &DiscoverCase) -> Markup {
         h3 { "On the finite-element ventricle" }
         p.quiet { "The same patient on a mesh of " (gap.nodes) " nodes, personalised without and with the accepted effects; the beats of both twins." }
         (legend(&keys))
-        div.figures.dotted {
-            (figure("Pressure in 3D", figures::signal(&compared, figures::Which::Pressure), "", &html! {}))
-            (figure("Volume in 3D", figures::signal(&compared, figures::Which::Volume), "", &html! {}))
-            (figure("Residual of the pressure in 3D", figures::residual(&compared, figures::Which::Pressure), "",
-                &html! { ", data minus model; the band is twice the noise" }))
-            (figure("Residual of the volume in 3D", figures::residual(&compared, figures::Which::Volume), "",
-                &html! { ", data minus model; the band is twice the noise" }))
-        }
+        (traces_and_residuals(&compared, " in 3D"))
         div.tables { (tables::finite_element(gap)) }
     }
 }

@@ -40,7 +40,7 @@ pub fn split_unit(name: &str) -> (&str, &'static str) {
         ("_kPa", "kPa"),
         ("_ms", "ms"),
         ("_cm2", "cm²"),
-        ("_J", "J"),
+        ("_mJ", "mJ"),
         ("_Hz", "Hz"),
         ("_share", ""),
         ("_factor", ""),

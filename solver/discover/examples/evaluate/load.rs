@@ -1,7 +1,8 @@
 //! Reads cases and labels from files.
 
-use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat, Quantity, ValveTimes};
+use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat, ValveTimes};
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 use cardiotwin_vocabulary::trace_noise::Noise;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -93,7 +94,7 @@ fn trace(path: &Path) -> Result<(Vec<f64>, Vec<f64>), String> {
 fn further(folder: &Path, patient: &Value, cycle_ms: f64) -> Result<Further, String> {
     let measured = &patient["measured"];
     let mut further = Further::default();
-    for quantity in Quantity::ALL {
+    for quantity in FurtherQuantity::ALL {
         let table = measured.get("traces").and_then(|t| t.get(quantity.name()));
         let Some(table) = table else { continue };
         let file = |key: &str| table.get(key).and_then(Value::as_str);

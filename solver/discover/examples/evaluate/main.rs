@@ -16,6 +16,7 @@
 //! all others.
 
 #[allow(dead_code)]
+mod classes;
 mod load;
 mod score;
 

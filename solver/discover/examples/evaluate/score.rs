@@ -1,23 +1,10 @@
 //! Scores of the search on labelled cases.
 
+use crate::classes::same_class;
 use crate::load::Label;
 use cardiotwin_discover::Discovery;
 use std::collections::BTreeMap;
 use std::fmt::Write;
-
-/// Effects that these data can hardly distinguish; a result may be right up to the class.
-const CLASSES: [&[&str]; 3] = [
-    &["mitral_regurgitation", "ventricular_septal_defect"],
-    &["passive_stiffening", "pericardial_constraint"],
-    &["aortic_stenosis", "wave_reflection"],
-];
-
-fn same_class(a: &str, b: &str) -> bool {
-    a == b
-        || CLASSES
-            .iter()
-            .any(|class| class.contains(&a) && class.contains(&b))
-}
 
 /// A gap; not-a-number if a refit failed.
 fn of(gap: Option<f64>) -> f64 {

@@ -10,13 +10,9 @@ pub const COLOURS: [&str; 6] = [
 
 /// Position and size of a plot \[px\].
 pub struct Frame {
-    /// Left side.
     pub x: f64,
-    /// Upper side.
     pub y: f64,
-    /// Width.
     pub w: f64,
-    /// Height.
     pub h: f64,
 }
 

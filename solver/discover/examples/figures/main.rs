@@ -3,6 +3,8 @@
 //!
 //! `figures OUT_FOLDER NAME=CASES_DIR=RESULTS_FILE ...`
 
+#[path = "../evaluate/classes.rs"]
+mod classes;
 mod confusion;
 mod frame;
 mod power;

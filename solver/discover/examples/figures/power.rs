@@ -1,7 +1,8 @@
 //! Detection rates over strength, noise and visibility, with intervals.
 
+use crate::classes::same_class;
 use crate::frame::{COLOURS, Frame, legend};
-use crate::rate::{BANDS, Rate, band, is_visible, right_class, right_first, same_class, singles};
+use crate::rate::{BANDS, Rate, band, is_visible, right_class, right_first, singles};
 use crate::svg::{Anchor, Svg};
 use crate::{Case, Set};
 use cardiotwin_validation::hidden::NAMES;

@@ -1,13 +1,8 @@
-//! Shares of cases with their intervals, and the classes of effects that look alike.
+//! Shares of cases with their intervals.
 
+use crate::classes::same_class;
 use crate::{Case, Set};
 
-/// Effects that these data can hardly distinguish.
-const CLASSES: [[&str; 2]; 3] = [
-    ["mitral_regurgitation", "ventricular_septal_defect"],
-    ["passive_stiffening", "pericardial_constraint"],
-    ["aortic_stenosis", "wave_reflection"],
-];
 /// Bands of visibility: names and lower ends.
 pub const BANDS: [(&str, f64); 4] = [
     ("limit", f64::MIN),
@@ -60,14 +55,6 @@ impl Rate {
             percent(high)
         )
     }
-}
-
-/// Whether two effects are equal or look alike.
-pub fn same_class(a: &str, b: &str) -> bool {
-    a == b
-        || CLASSES
-            .iter()
-            .any(|class| class.contains(&a) && class.contains(&b))
 }
 
 /// Whether the first name is the hidden effect.

@@ -1,7 +1,8 @@
 //! Trade-off between found effects and false names (ROC curve), over the evidence that a name needs.
 
+use crate::classes::same_class;
 use crate::frame::{COLOURS, Frame, legend};
-use crate::rate::{Rate, is_visible, same_class, singles};
+use crate::rate::{Rate, is_visible, singles};
 use crate::svg::{Anchor, Svg};
 use crate::{Case, Set};
 use std::fmt::Write;

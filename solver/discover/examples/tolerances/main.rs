@@ -20,15 +20,17 @@ mod source;
 mod visibility;
 
 use cardiotwin_discover::Reduced;
-use cardiotwin_discover::further::{FurtherTrace, LoadedBeat, Quantity, ValveTimes};
+use cardiotwin_discover::further::{FurtherTrace, LoadedBeat, ValveTimes};
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::Uncertain;
 use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
+use cardiotwin_discover::usual;
 use cardiotwin_discover::valves::cyclic;
 use cardiotwin_validation::further::valve_times;
 use cardiotwin_validation::{Hearts, Measurement, Plan, PlannedCase};
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 use rayon::prelude::*;
 
 /// Errors of one heart: residuals of each quantity every 4 ms, of the times of the valves, and the
@@ -48,13 +50,13 @@ fn missed(planned: &PlannedCase) -> Option<Missed> {
     let mut measured = visibility::noise_free(&case);
     let cycle = measured.cycle_ms;
     let true_times = valve_times(&beat)?;
-    for quantity in Quantity::ALL {
+    for quantity in FurtherQuantity::ALL {
         let kind = Measurement::named(quantity.name())?;
         measured.further.traces.push(FurtherTrace {
             quantity,
             time_ms: measured.pressure_time_ms.clone(),
             value: beat.of(kind, case.clean_side.wall_ml),
-            rms: quantity.usual_rms(),
+            rms: usual::trace_rms(quantity),
             correlation_ms: 10.0,
             delay: Uncertain {
                 value: 0.0,
@@ -164,7 +166,7 @@ fn main() -> Result<(), String> {
         let planned = Plan::Nulls.cases(n_hearts, seed, hearts);
         let found: Vec<Missed> = planned.par_iter().filter_map(missed).collect();
         println!("{name}: {} of {n_hearts} hearts", found.len());
-        for (which, quantity) in Quantity::ALL.into_iter().enumerate() {
+        for (which, quantity) in FurtherQuantity::ALL.into_iter().enumerate() {
             let traces: Vec<Vec<f64>> = found.iter().map(|f| f.traces[which].clone()).collect();
             let offsets: Vec<f64> = traces.iter().map(|r| mean(r)).collect();
             let squares: Vec<f64> = traces.iter().map(|r| sd(r).powi(2)).collect();

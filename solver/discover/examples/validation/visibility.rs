@@ -4,13 +4,14 @@
 use cardiotwin_discover::Reduced;
 use cardiotwin_discover::fit::Fit;
 use cardiotwin_discover::forward::Forward;
-use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat, Quantity};
+use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat};
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
 use cardiotwin_discover::noise::ModelDiscrepancy;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::{add_term, fit_base};
 use cardiotwin_validation::{Case, Side, further as simulated};
+use cardiotwin_vocabulary::measurements::FurtherQuantity;
 use cardiotwin_vocabulary::trace_noise::Noise;
 
 /// Misfits of the fits.
@@ -86,7 +87,7 @@ pub fn with_noise(case: &Case, further: &simulated::Further) -> Measured {
     let mut measured = given(case, &case.pressure_mmhg, &case.frame_ml, &case.side);
     let with = |value: f64, sd: f64| Uncertain { value, sd };
     for trace in &further.traces {
-        let quantity = (Quantity::ALL.into_iter()).find(|q| q.name() == trace.kind.name());
+        let quantity = (FurtherQuantity::ALL.into_iter()).find(|q| q.name() == trace.kind.name());
         measured
             .further
             .traces

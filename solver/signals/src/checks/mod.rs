@@ -17,7 +17,7 @@ use crate::Problem;
 use cardiotwin_units::Ms;
 use measured::extremes;
 
-pub use further::{FurtherTrace, check_further};
+pub use further::check_further;
 pub use measured::{Measured, MeasuredVolume, Source};
 
 /// All problems of a patient's measured data, errors first.

@@ -1,36 +1,19 @@
 //! Measurements besides pressure and volume of the steady beat, in the form that the search takes.
 //! Data without a stated uncertainty get a usual one.
 
-use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat, Quantity, ValveTimes};
+use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat, ValveTimes};
 use cardiotwin_discover::measured::Uncertain;
+use cardiotwin_discover::usual;
 use cardiotwin_schemas::discover::DiscoverSpec;
-use cardiotwin_schemas::further::{FurtherQuantity, FurtherTraceSpec, LoadedBeatSpec};
-use cardiotwin_signals::Quantity as Column;
+use cardiotwin_schemas::further::{FurtherTraceSpec, LoadedBeatSpec};
+use cardiotwin_signals::Quantity;
 
 use super::samples::{frames, within_cycle};
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
-/// Correlation time of the noise of a trace without a stated one \[ms\].
-const CORRELATION_MS: f64 = 10.0;
-/// Standard deviation of the time of a valve \[ms\]: half of a frame of an echo with 100 frames a
-/// second.
-const VALVE_SD_MS: f64 = 5.0;
-/// Standard deviation of a duration of QRS \[ms\]: a tenth of a millimetre at 25 mm/s.
-const QRS_SD_MS: f64 = 4.0;
 /// Standard deviation of the delay of a wedge pressure \[ms\], whose delays are 100 to 150 ms.
 const WEDGE_DELAY_SD_MS: f64 = 15.0;
-
-/// Quantity of the search and column of the file.
-fn quantity(of: FurtherQuantity) -> (Quantity, Column) {
-    match of {
-        FurtherQuantity::AorticPressure => (Quantity::AorticPressure, Column::Pressure),
-        FurtherQuantity::AorticFlow => (Quantity::AorticFlow, Column::Flow),
-        FurtherQuantity::MitralFlow => (Quantity::MitralFlow, Column::Flow),
-        FurtherQuantity::AtrialPressure => (Quantity::AtrialPressure, Column::Pressure),
-        FurtherQuantity::Strain => (Quantity::Strain, Column::Strain),
-    }
-}
 
 /// Reads the further traces and the beats under changed load.
 ///
@@ -46,8 +29,8 @@ pub fn read(spec: &DiscoverSpec) -> Result<Further, TaskError> {
 }
 
 fn further_trace(stated: &FurtherTraceSpec, cycle_ms: f64) -> Result<FurtherTrace, TaskError> {
-    let (quantity, column) = quantity(stated.quantity);
-    let trace = within_cycle(read_trace(&stated.file, column)?, cycle_ms)?;
+    let quantity = stated.quantity;
+    let trace = within_cycle(read_trace(&stated.file, quantity.into())?, cycle_ms)?;
     let positive = |value: Option<f64>| value.filter(|value| *value > 0.0);
     let delay_ms = stated.delay_ms.unwrap_or(0.0);
     let usual_delay_sd = if delay_ms > 0.0 {
@@ -59,8 +42,8 @@ fn further_trace(stated: &FurtherTraceSpec, cycle_ms: f64) -> Result<FurtherTrac
         quantity,
         time_ms: trace.time_ms().to_vec(),
         value: trace.values().to_vec(),
-        rms: positive(stated.rms).unwrap_or(quantity.usual_rms()),
-        correlation_ms: positive(stated.correlation_ms).unwrap_or(CORRELATION_MS),
+        rms: positive(stated.rms).unwrap_or(usual::trace_rms(quantity)),
+        correlation_ms: positive(stated.correlation_ms).unwrap_or(usual::CORRELATION_MS),
         delay: Uncertain {
             value: delay_ms,
             sd: stated.delay_sd_ms.unwrap_or(usual_delay_sd),
@@ -71,8 +54,8 @@ fn further_trace(stated: &FurtherTraceSpec, cycle_ms: f64) -> Result<FurtherTrac
 fn loaded_beat(beat: &LoadedBeatSpec, n_frames: Option<u32>) -> Result<LoadedBeat, TaskError> {
     let cycle_ms = beat.cycle_length_ms;
     let read = |file, column| within_cycle(read_trace(file, column)?, cycle_ms);
-    let pressure = read(&beat.pressure, Column::Pressure)?;
-    let volume = frames(read(&beat.volume, Column::Volume)?, n_frames)?;
+    let pressure = read(&beat.pressure, Quantity::Pressure)?;
+    let volume = frames(read(&beat.volume, Quantity::Volume)?, n_frames)?;
     Ok(LoadedBeat {
         cycle_ms,
         pressure_time_ms: pressure.time_ms().to_vec(),
@@ -87,7 +70,10 @@ pub fn valve_times(spec: &DiscoverSpec) -> ValveTimes {
     let Some(times) = &spec.valve_times else {
         return ValveTimes::default();
     };
-    let sd = times.sd_ms.filter(|sd| *sd > 0.0).unwrap_or(VALVE_SD_MS);
+    let sd = times
+        .sd_ms
+        .filter(|sd| *sd > 0.0)
+        .unwrap_or(usual::VALVE_SD_MS);
     let time = |value: Option<f64>| value.map(|value| Uncertain { value, sd });
     ValveTimes {
         aortic_opening: time(times.aortic_opening_ms),
@@ -101,6 +87,6 @@ pub fn valve_times(spec: &DiscoverSpec) -> ValveTimes {
 pub fn qrs(spec: &DiscoverSpec) -> Option<Uncertain> {
     spec.qrs.as_ref().map(|qrs| Uncertain {
         value: qrs.duration_ms,
-        sd: qrs.sd_ms.filter(|sd| *sd > 0.0).unwrap_or(QRS_SD_MS),
+        sd: qrs.sd_ms.filter(|sd| *sd > 0.0).unwrap_or(usual::QRS_SD_MS),
     })
 }

@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_discover::forward::Prediction;
 use cardiotwin_schemas::discover::IndexChange;
-
-/// Joule in a mmHg mL.
-const J_PER_MMHG_ML: f64 = 1.333_22e-4;
+use cardiotwin_signals::pressure_volume_loop::stroke_work_mj;
 
 /// Indices of both beats with their base values.
 pub fn indices(beats: [&Prediction; 2], bases: [&BTreeMap<String, f64>; 2]) -> Vec<IndexChange> {
@@ -45,40 +43,14 @@ fn of(beat: &Prediction, base: &BTreeMap<String, f64>) -> [(&'static str, f64); 
             "pressure_drop_to_aorta_mmHg",
             greatest(pressure) - beat.systolic_mmhg,
         ),
-        ("stroke_work_J", stroke_work_j(pressure, volume)),
+        (
+            "stroke_work_mJ",
+            stroke_work_mj(volume, pressure).unwrap_or(f64::NAN),
+        ),
         ("peak_active_stress_kPa", base("Smax_ref_kPa")),
         (
             "peripheral_resistance_mmHg_s_per_mL",
             base("peripheral_resistance_mmHg_s_per_mL"),
         ),
     ]
-}
-
-/// Area of the pressure-volume loop.
-fn stroke_work_j(pressure_mmhg: &[f64], volume_ml: &[f64]) -> f64 {
-    let n = volume_ml.len();
-    let area: f64 = (0..n)
-        .map(|i| {
-            let next = (i + 1) % n;
-            0.5 * (pressure_mmhg[i] + pressure_mmhg[next]) * (volume_ml[i] - volume_ml[next])
-        })
-        .sum();
-    area * J_PER_MMHG_ML
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_work_of_a_rectangle_is_its_area() {
-        // 100 mmHg over 70 mL out, nothing over 70 mL in.
-        let pressure = [10.0, 110.0, 110.0, 10.0];
-        let volume = [120.0, 120.0, 50.0, 50.0];
-        let work = stroke_work_j(&pressure, &volume);
-        assert!(
-            (work - 100.0 * 70.0 * J_PER_MMHG_ML).abs() < 1e-12,
-            "{work}"
-        );
-    }
 }

@@ -2,6 +2,7 @@
 //! usual one.
 
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
+use cardiotwin_discover::usual;
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_signals::resample::STEP;
@@ -13,12 +14,6 @@ use super::samples::{frames, within_cycle};
 use crate::error::TaskError;
 use crate::inputs::read_trace;
 
-/// Standard deviation of a cuff pressure without a stated uncertainty \[mmHg\].
-const CUFF_SD_MMHG: f64 = 4.0;
-/// Relative standard deviation of a stroke volume from flow imaging.
-const STROKE_VOLUME_SD: f64 = 0.07;
-/// Relative standard deviation of the whole-heart volume.
-const IMAGE_SD: f64 = 0.04;
 /// Relative standard deviation of a wall volume.
 const WALL_SD: f64 = 0.05;
 /// Ratio of wall volume to largest volume if the wall volume is not stated; 0.7 to 0.8 in a normal
@@ -83,19 +78,23 @@ pub fn read(spec: &DiscoverSpec) -> Result<Patient, TaskError> {
         noise: spec.noise.stated(),
         side: SideData {
             cuff: spec.aortic_pressure.as_ref().map(|cuff| Cuff {
-                systolic: uncertain(cuff.systolic_mmhg, cuff.sd_mmhg, CUFF_SD_MMHG),
-                diastolic: uncertain(cuff.diastolic_mmhg, cuff.sd_mmhg, CUFF_SD_MMHG),
+                systolic: uncertain(cuff.systolic_mmhg, cuff.sd_mmhg, usual::CUFF_SD_MMHG),
+                diastolic: uncertain(cuff.diastolic_mmhg, cuff.sd_mmhg, usual::CUFF_SD_MMHG),
             }),
             forward_stroke_volume: spec.forward_stroke_volume.as_ref().map(|flow| {
                 uncertain(
                     flow.volume_ml,
                     flow.sd_ml,
-                    STROKE_VOLUME_SD * flow.volume_ml,
+                    usual::STROKE_VOLUME_SD * flow.volume_ml,
                 )
             }),
             whole_heart: spec.diastasis.as_ref().map(|image| WholeHeart {
                 time_ms: image.time_ms,
-                volume: uncertain(image.volume_ml, image.sd_ml, IMAGE_SD * image.volume_ml),
+                volume: uncertain(
+                    image.volume_ml,
+                    image.sd_ml,
+                    usual::IMAGE_SD * image.volume_ml,
+                ),
             }),
             valve_times: further::valve_times(spec),
             qrs_ms: further::qrs(spec),

@@ -84,8 +84,8 @@ pub async fn add(
             reader.patient_record(before).await?,
             reader.patient_record(after).await?,
         ];
-        let name = before.0.trim_end_matches(WITHOUT);
-        let Some(case) = cases.get_mut(name) else {
+        let name = before.0.strip_suffix(WITHOUT);
+        let Some((name, case)) = name.and_then(|name| Some((name, cases.get_mut(name)?))) else {
             continue;
         };
         case.finite_element = compare(&case.found, &records[0], &records[1]);

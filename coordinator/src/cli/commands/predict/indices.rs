@@ -3,9 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
-
-/// Work of one mmHg·mL \[mJ\].
-const MJ_PER_MMHG_ML: f64 = 0.133_322_4;
+use cardiotwin_signals::pressure_volume_loop::stroke_work_mj;
 
 /// Biomarkers among the indices, in the order of the table.
 const OF_BEAT: [Biomarker; 8] = [
@@ -63,19 +61,6 @@ impl Traces {
             .zip(self.column(y).iter().copied())
             .collect()
     }
-
-    /// Area of the pressure-volume loop, closed from its last point to its first, mmHg·mL; `None`
-    /// for fewer than three points.
-    fn loop_area(&self) -> Option<f64> {
-        let points = self.points("volume_mL", "pressure_mmHg");
-        let next = points.iter().cycle().skip(1);
-        let area: f64 = points
-            .iter()
-            .zip(next)
-            .map(|((v, p), (w, q))| 0.5 * (p + q) * (v - w))
-            .sum();
-        (points.len() > 2).then_some(area)
-    }
 }
 
 /// Indices by name, in the order of the table. An index that the beat lacks is left out.
@@ -99,7 +84,7 @@ pub fn indices(
         ),
         (
             "stroke_work_mJ",
-            traces.loop_area().map(|area| MJ_PER_MMHG_ML * area),
+            stroke_work_mj(traces.column("volume_mL"), traces.column("pressure_mmHg")),
         ),
         ("aortic_systolic_mmHg", extreme(f64::max)),
         ("aortic_diastolic_mmHg", extreme(f64::min)),
