@@ -43,7 +43,7 @@ impl Calibration {
         );
         let (rp, rv) = (p.residual(&model_p), v.residual(&model_v));
         let (white_p, white_v) = (p.whitener(&model_p), v.whitener(&model_v));
-        let discrepancy = &data.model_discrepancy;
+        let discrepancy = &data.error_model;
         // A delay changes the frames by minus their slope.
         let delayed: Vec<f64> = slopes(&v.time_ms, &v.value, crate::noise::VOLUME_SLOPE_MS)
             .iter()

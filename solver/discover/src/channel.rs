@@ -7,7 +7,7 @@ use crate::forward::{LoadedPrediction, Prediction};
 use crate::further::{FurtherTrace, LoadedBeat};
 use crate::measured::Measured;
 use crate::noise::{
-    ModelDiscrepancy, NoiseLevels, Signal, bell, bins, correlation, means, pressure_signal, slopes,
+    ErrorModel, NoiseLevels, Signal, bell, bins, correlation, means, pressure_signal, slopes,
     volume_signal,
 };
 use cardiotwin_vocabulary::measurements::FurtherQuantity;
@@ -159,18 +159,18 @@ impl Loaded {
         beat: &LoadedBeat,
         measured: &Measured,
         levels: &NoiseLevels,
-        model_discrepancy: &ModelDiscrepancy,
+        error_model: &ErrorModel,
     ) -> Self {
-        let wide = ModelDiscrepancy::discrepancy();
-        let model_discrepancy = ModelDiscrepancy {
-            pressure_mmhg: model_discrepancy.further * wide.pressure_mmhg,
-            volume_ml: model_discrepancy.further * wide.volume_ml,
-            ..*model_discrepancy
+        let competitors = error_model.competitors;
+        let error_model = ErrorModel {
+            pressure_mmhg: error_model.further * competitors.pressure_mmhg,
+            volume_ml: error_model.further * competitors.volume_ml,
+            ..*error_model
         };
         let measured = measured.under_load(beat);
         Self {
-            pressure: pressure_signal(&measured, levels, &model_discrepancy),
-            volume: volume_signal(&measured, levels, &model_discrepancy),
+            pressure: pressure_signal(&measured, levels, &error_model),
+            volume: volume_signal(&measured, levels, &error_model),
         }
     }
 
@@ -196,15 +196,10 @@ pub struct FurtherData {
 impl FurtherData {
     /// Computes the covariances of all of them.
     #[must_use]
-    pub fn new(
-        measured: &Measured,
-        levels: &NoiseLevels,
-        model_discrepancy: &ModelDiscrepancy,
-    ) -> Self {
-        let channel = |trace: &FurtherTrace| {
-            Channel::new(trace, measured.cycle_ms, model_discrepancy.further)
-        };
-        let loaded = |beat: &LoadedBeat| Loaded::new(beat, measured, levels, model_discrepancy);
+    pub fn new(measured: &Measured, levels: &NoiseLevels, error_model: &ErrorModel) -> Self {
+        let channel =
+            |trace: &FurtherTrace| Channel::new(trace, measured.cycle_ms, error_model.further);
+        let loaded = |beat: &LoadedBeat| Loaded::new(beat, measured, levels, error_model);
         Self {
             channels: measured.further.traces.iter().map(channel).collect(),
             loaded: measured.further.loaded.iter().map(loaded).collect(),

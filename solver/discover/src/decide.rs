@@ -55,7 +55,7 @@ pub fn discover(
     measured.validate()?;
     let candidates = forward.candidates();
     let among = chosen(forward, &settings.search.effects)?;
-    let views = Views::new(measured, &settings.model_discrepancy, &settings.learnt);
+    let views = Views::new(measured, &settings.error_model, &settings.learnt);
     let data = &views.plain;
     let search = Search {
         views: &views,

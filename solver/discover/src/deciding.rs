@@ -116,7 +116,7 @@ fn loaded<'a>(problem: &Problem<'_>, truth: &Prediction) -> White<'a> {
         frame_time_ms: measured.frame_time_ms.clone(),
     };
     let data = problem.data;
-    let loaded = Loaded::new(&beat, measured, &data.levels, &data.model_discrepancy);
+    let loaded = Loaded::new(&beat, measured, &data.levels, &data.error_model);
     Box::new(move |beats| {
         let lower = beats.lower.as_ref()?;
         let prediction = LoadedPrediction {

@@ -12,7 +12,7 @@ use crate::forward::Forward;
 use crate::learnt::Learnt;
 use crate::least_squares::Settings;
 use crate::measured::Measured;
-use crate::noise::ModelDiscrepancy;
+use crate::noise::ErrorModel;
 use crate::problem::{Data, N_BUMPS, Problem, Structure};
 use crate::search::{UNBENT, add_term, best, is_bent};
 use rayon::prelude::*;
@@ -44,13 +44,13 @@ pub struct Views {
 impl Views {
     /// Computes the covariances of all views.
     #[must_use]
-    pub fn new(measured: &Measured, model_discrepancy: &ModelDiscrepancy, learnt: &Learnt) -> Self {
+    pub fn new(measured: &Measured, error_model: &ErrorModel, learnt: &Learnt) -> Self {
         let data = |discrepancy, formulation| Data::new(measured.clone(), discrepancy, formulation);
         Self {
-            plain: data(model_discrepancy, None),
-            traces: data(&ModelDiscrepancy::discrepancy(), None),
+            plain: data(error_model, None),
+            traces: data(&error_model.with_smooth_errors(), None),
             formulations: (learnt.formulations.iter())
-                .map(|formulation| data(model_discrepancy, Some(formulation)))
+                .map(|formulation| data(error_model, Some(formulation)))
                 .collect(),
         }
     }

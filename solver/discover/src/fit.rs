@@ -3,7 +3,6 @@
 
 use crate::forward::Orbits;
 use crate::least_squares::{Known, Minimum, Settings, minimise_from};
-use crate::noise::NoiseLevels;
 use crate::parameter::Parameter;
 use crate::problem::{Misfit, Problem, Structure, Weights};
 use nalgebra::{DMatrix, DVector};
@@ -87,13 +86,6 @@ impl Fit {
     }
 }
 
-/// Degrees of freedom of the prior knowledge of the noise scales: pressure (also from its own high
-/// band) and volume.
-fn degrees() -> (f64, f64) {
-    let stated = NoiseLevels::stated_degrees();
-    (2.0 * stated, stated)
-}
-
 /// Sets the derivative of the prior, the last rows, where a parameter has no derivatives because the
 /// model has no beat beside it: without it the curvature would be singular.
 fn keep_priors(jacobian: &mut DMatrix<f64>) {
@@ -106,9 +98,16 @@ fn keep_priors(jacobian: &mut DMatrix<f64>) {
 }
 
 impl Problem<'_> {
+    /// Degrees of freedom of the prior knowledge of the noise scales: pressure (also from its own
+    /// high band) and volume.
+    fn degrees(&self) -> (f64, f64) {
+        let stated = self.data.error_model.stated_degrees();
+        (2.0 * stated, stated)
+    }
+
     /// Weights that profile the noise scales at this misfit.
     fn weights(&self, misfit: &Misfit) -> Weights {
-        let (nu_p, nu_v) = degrees();
+        let (nu_p, nu_v) = self.degrees();
         let weight = |nu: f64, n: usize, chi2: f64| (nu + n as f64) / (nu + chi2);
         Weights {
             pressure: weight(nu_p, self.data.pressure.len(), misfit.pressure),
@@ -139,7 +138,7 @@ impl Problem<'_> {
     /// −2 ln(likelihood · prior) with the noise scales integrated out.
     #[must_use]
     pub fn deviance(&self, misfit: &Misfit) -> f64 {
-        let (nu_p, nu_v) = degrees();
+        let (nu_p, nu_v) = self.degrees();
         let part = |nu: f64, n: usize, chi2: f64| (nu + n as f64) * (chi2 / nu).ln_1p();
         part(nu_p, self.data.pressure.len(), misfit.pressure)
             + part(nu_v, self.data.volume.len(), misfit.volume)

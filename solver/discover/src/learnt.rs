@@ -81,6 +81,18 @@ impl Learnt {
     }
 }
 
+impl Learnt {
+    /// The same discrepancies, each error times a factor.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        for mode in self.formulations.iter_mut().flat_map(|f| &mut f.modes) {
+            let values = mode.pressure.iter_mut().chain(&mut mode.volume);
+            values.for_each(|value| *value *= factor);
+        }
+        self
+    }
+}
+
 impl Formulation {
     /// Errors at the times of pressure, then volume, in their units; one column for each mode.
     ///

@@ -13,8 +13,6 @@ pub use crate::signal::{Signal, Whitener};
 
 /// Noise of a volume frame if the file states none \[mL\].
 const USUAL_VOLUME_RMS_ML: f64 = 2.5;
-/// Correlation of neighbouring frames, because one segmentation helps the next.
-const FRAME_CORRELATION: f64 = 0.2;
 /// Frequency band in which the pressure contains only noise \[Hz\].
 const NOISE_BAND_HZ: (f64, f64) = (70.0, 400.0);
 /// Largest logarithm of observed over stated noise power at which the observation is used. Beyond
@@ -68,13 +66,6 @@ impl NoiseLevels {
             seen_over_stated,
         }
     }
-
-    /// Degrees of freedom of a scale whose logarithm has the standard deviation
-    /// [`STATED_NOISE_SD`].
-    #[must_use]
-    pub fn stated_degrees() -> f64 {
-        0.5 / (STATED_NOISE_SD * STATED_NOISE_SD)
-    }
 }
 
 /// Variance of an Ornstein–Uhlenbeck process with correlation time `tau_ms` and the power observed
@@ -118,12 +109,16 @@ fn high_band_power(measured: &Measured, tau_ms: f64) -> Option<f64> {
     (last > first + 20).then(|| ratio / (last - first + 1) as f64)
 }
 
-/// Discrepancy that the model may show although no effect is missing.
+/// Errors of data and model that mean nothing is missing, and what is known of the noise.
 ///
-/// It is part of the covariance, so that neither a timing error of one or two milliseconds nor a
+/// They are part of the covariance, so that neither a timing error of one or two milliseconds nor a
 /// smooth bend of half a mmHg is mistaken for an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ModelDiscrepancy {
+pub struct ErrorModel {
+    /// Standard deviation of the logarithm of a stated noise level.
+    pub stated_noise: f64,
+    /// Correlation of neighbouring frames, because one segmentation helps the next.
+    pub frame_correlation: f64,
     /// Standard deviation of the timing error \[ms\], correlated over
     /// [`Self::timing_correlation_ms`].
     pub timing_ms: f64,
@@ -148,11 +143,39 @@ pub struct ModelDiscrepancy {
     /// Factor of the smooth errors of further traces and of beats under changed load
     /// ([`crate::channel`]).
     pub further: f64,
+    /// Errors of the nameless competitors.
+    pub competitors: CompetitorErrors,
 }
 
-impl Default for ModelDiscrepancy {
+/// Standard deviations of the errors by which the nameless competitors explain a gap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CompetitorErrors {
+    /// Logarithm of each factor of the activation.
+    pub activation: f64,
+    /// Smooth error of pressure \[mmHg\].
+    pub pressure_mmhg: f64,
+    /// Smooth error of volume \[mL\].
+    pub volume_ml: f64,
+    /// Factor of the smooth errors of further traces and of beats under changed load.
+    pub further: f64,
+}
+
+impl Default for CompetitorErrors {
     fn default() -> Self {
         Self {
+            activation: 0.15,
+            pressure_mmhg: 2.0,
+            volume_ml: 3.0,
+            further: 3.0,
+        }
+    }
+}
+
+impl Default for ErrorModel {
+    fn default() -> Self {
+        Self {
+            stated_noise: STATED_NOISE_SD,
+            frame_correlation: 0.2,
             timing_ms: 0.5,
             timing_correlation_ms: 15.0,
             pressure_mmhg: 0.3,
@@ -164,21 +187,27 @@ impl Default for ModelDiscrepancy {
             shift_ms: 4.0,
             scale: 0.02,
             further: 1.0,
+            competitors: CompetitorErrors::default(),
         }
     }
 }
 
-impl ModelDiscrepancy {
-    /// Tolerance of the nameless competitor that explains a gap by smooth errors of pressure and
-    /// volume.
+impl ErrorModel {
+    /// The same with the smooth errors of the nameless competitor.
     #[must_use]
-    pub fn discrepancy() -> Self {
+    pub fn with_smooth_errors(&self) -> Self {
         Self {
-            pressure_mmhg: 2.0,
-            volume_ml: 3.0,
-            further: 3.0,
-            ..Self::default()
+            pressure_mmhg: self.competitors.pressure_mmhg,
+            volume_ml: self.competitors.volume_ml,
+            further: self.further * self.competitors.further,
+            ..*self
         }
+    }
+
+    /// Degrees of freedom of the prior knowledge of a stated noise level.
+    #[must_use]
+    pub fn stated_degrees(&self) -> f64 {
+        0.5 / (self.stated_noise * self.stated_noise)
     }
 }
 
@@ -230,7 +259,7 @@ pub(crate) fn correlation(
 pub fn pressure_signal(
     measured: &Measured,
     levels: &NoiseLevels,
-    model_discrepancy: &ModelDiscrepancy,
+    error_model: &ErrorModel,
 ) -> Signal {
     let members = bins(&measured.pressure_time_ms, measured.cycle_ms);
     let time = means(&members, &measured.pressure_time_ms);
@@ -244,13 +273,13 @@ pub fn pressure_signal(
             let dt = time[i] - time[j];
             let both = [&members[i][..], &members[j][..]];
             let noise = correlation(both, &measured.pressure_time_ms, dt, tau);
-            let timing = model_discrepancy.timing_ms.powi(2)
+            let timing = error_model.timing_ms.powi(2)
                 * slope[i]
                 * slope[j]
-                * bell(dt, model_discrepancy.timing_correlation_ms);
-            let smooth = model_discrepancy.pressure_mmhg.powi(2)
-                * bell(dt, model_discrepancy.pressure_correlation_ms);
-            let c = rms * rms * noise + timing + smooth + model_discrepancy.offset_mmhg.powi(2);
+                * bell(dt, error_model.timing_correlation_ms);
+            let smooth =
+                error_model.pressure_mmhg.powi(2) * bell(dt, error_model.pressure_correlation_ms);
+            let c = rms * rms * noise + timing + smooth + error_model.offset_mmhg.powi(2);
             covariance[(i, j)] = c;
             covariance[(j, i)] = c;
         }
@@ -266,7 +295,7 @@ pub(crate) const VOLUME_SLOPE_MS: f64 = 45.0;
 pub fn volume_signal(
     measured: &Measured,
     levels: &NoiseLevels,
-    model_discrepancy: &ModelDiscrepancy,
+    error_model: &ErrorModel,
 ) -> Signal {
     let time = measured.frame_time_ms.clone();
     let value = measured.frame_volume_ml.clone();
@@ -275,21 +304,24 @@ pub fn volume_signal(
     let rms = levels.volume_rms_ml;
     let covariance = DMatrix::from_fn(n, n, |i, j| {
         let dt = time[i] - time[j];
-        let noise = rms * rms * FRAME_CORRELATION.powi((i as i32 - j as i32).abs());
-        let timing = model_discrepancy.timing_ms.powi(2)
+        let noise = rms
+            * rms
+            * error_model
+                .frame_correlation
+                .powi((i as i32 - j as i32).abs());
+        let timing = error_model.timing_ms.powi(2)
             * slope[i]
             * slope[j]
-            * bell(dt, model_discrepancy.timing_correlation_ms);
+            * bell(dt, error_model.timing_correlation_ms);
         // Slopes of the data may replace slopes of the model here. An error of the data is not
         // correlated with its own slope, so that a shift biases no fit to one side.
-        let shift = model_discrepancy.shift_ms.powi(2) * slope[i] * slope[j];
+        let shift = error_model.shift_ms.powi(2) * slope[i] * slope[j];
         noise
             + timing
             + shift
-            + model_discrepancy.volume_ml.powi(2)
-                * bell(dt, model_discrepancy.volume_correlation_ms)
+            + error_model.volume_ml.powi(2) * bell(dt, error_model.volume_correlation_ms)
     });
-    Signal::new(time, value, rms, covariance, model_discrepancy.scale)
+    Signal::new(time, value, rms, covariance, error_model.scale)
 }
 
 pub(crate) fn bell(dt: f64, length: f64) -> f64 {
@@ -330,15 +362,15 @@ mod tests {
 
     const CYCLE: usize = 900;
 
-    fn none() -> ModelDiscrepancy {
-        ModelDiscrepancy {
+    fn none() -> ErrorModel {
+        ErrorModel {
             timing_ms: 0.0,
             pressure_mmhg: 0.0,
             volume_ml: 0.0,
             offset_mmhg: 0.0,
             shift_ms: 0.0,
             scale: 0.0,
-            ..ModelDiscrepancy::default()
+            ..ErrorModel::default()
         }
     }
 
@@ -360,7 +392,7 @@ mod tests {
             .map(|_| {
                 let now = frame;
                 frame = FRAME_CORRELATION * frame
-                    + 2.5 * (1.0 - FRAME_CORRELATION.powi(2)).sqrt() * normal();
+                    + 2.5 * (1.0 - error_model.frame_correlation.powi(2)).sqrt() * normal();
                 100.0 + now
             })
             .collect();
@@ -507,7 +539,7 @@ mod tests {
     #[test]
     fn the_common_factor_is_a_rank_one_term_of_the_covariance() {
         let measured = noise_only(1.3, 11.0, 1.3, 6);
-        let only_factor = ModelDiscrepancy {
+        let only_factor = ErrorModel {
             scale: 0.02,
             ..none()
         };
@@ -530,7 +562,7 @@ mod tests {
 
     #[test]
     fn a_common_volume_factor_does_not_pull_the_fit_below_the_data() {
-        let only_factor = ModelDiscrepancy {
+        let only_factor = ErrorModel {
             scale: 0.02,
             ..none()
         };

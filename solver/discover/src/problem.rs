@@ -6,15 +6,13 @@ use crate::forward::{Forward, Orbits, Prediction, Request};
 use crate::joint::SharedErrors;
 use crate::learnt::Formulation;
 use crate::measured::Measured;
-use crate::noise::{ModelDiscrepancy, NoiseLevels, Signal, pressure_signal, volume_signal};
+use crate::noise::{ErrorModel, NoiseLevels, Signal, pressure_signal, volume_signal};
 use crate::parameter::Parameter;
 use crate::valves::cyclic;
 use nalgebra::{DMatrix, DVector};
 
 /// Number of factors of the activation in the nameless competitor.
 pub const N_BUMPS: usize = 6;
-/// Prior standard deviation of each factor's logarithm.
-const BUMP_SD: f64 = 0.15;
 
 /// Data prepared for fits.
 #[derive(Debug, Clone)]
@@ -24,7 +22,7 @@ pub struct Data {
     /// Noise levels of the fits.
     pub levels: NoiseLevels,
     /// Discrepancy that the model may show although no effect is missing.
-    pub model_discrepancy: ModelDiscrepancy,
+    pub error_model: ErrorModel,
     /// Pressure samples, averaged in bins.
     pub pressure: Signal,
     /// Volume of the frames.
@@ -42,12 +40,12 @@ impl Data {
     #[must_use]
     pub fn new(
         measured: Measured,
-        model_discrepancy: &ModelDiscrepancy,
+        error_model: &ErrorModel,
         formulation: Option<&Formulation>,
     ) -> Self {
         let levels = NoiseLevels::of(&measured);
-        let pressure = pressure_signal(&measured, &levels, model_discrepancy);
-        let volume = volume_signal(&measured, &levels, model_discrepancy);
+        let pressure = pressure_signal(&measured, &levels, error_model);
+        let volume = volume_signal(&measured, &levels, error_model);
         let signals = [&pressure, &volume];
         let errors = match formulation {
             Some(formulation) => formulation.errors(signals, measured.cycle_ms),
@@ -55,10 +53,10 @@ impl Data {
         };
         Self {
             shared: SharedErrors::new(signals, errors),
-            further: FurtherData::new(&measured, &levels, model_discrepancy),
+            further: FurtherData::new(&measured, &levels, error_model),
             measured,
             levels,
-            model_discrepancy: *model_discrepancy,
+            error_model: *error_model,
             pressure,
             volume,
         }
@@ -185,7 +183,7 @@ impl Problem<'_> {
                 lower: -1.0,
                 upper: 1.0,
                 mean: 0.0,
-                sd: BUMP_SD,
+                sd: self.data.error_model.competitors.activation,
                 log: false,
             }));
         }

@@ -309,6 +309,20 @@ impl Reduced {
         }
     }
 
+    /// Multiplies the prior standard deviation of a base parameter, to show what the prior decides.
+    ///
+    /// # Panics
+    /// If the model has no parameter of this name.
+    pub fn scale_prior(&mut self, name: &str, factor: f64) {
+        let parameter = self.base.iter_mut().find(|p| p.name == name);
+        parameter.expect("a base parameter").sd *= factor;
+    }
+
+    /// The candidates, to show what their priors and smallest sizes decide.
+    pub fn candidates_mut(&mut self) -> &mut [Candidate] {
+        &mut self.candidates
+    }
+
     /// Catalogue settings of candidates with fitted values.
     #[must_use]
     pub fn settings(&self, terms: &[(usize, &[f64])]) -> Vec<EffectSetting> {

@@ -9,9 +9,9 @@ use cardiotwin_discover::{Measured, Reduced, Settings, discover};
 use cardiotwin_validation::{Hearts, Measurement, Plan, PlannedCase};
 use cardiotwin_vocabulary::findings::{Findings, SearchSettings};
 
-/// A case of the development seed, by its number among the singles.
-fn planned(number: usize) -> PlannedCase {
-    let mut cases = Plan::Singles.cases(number, 901, Hearts::Elastance);
+/// A case of a development seed, by its number among the singles.
+fn planned((seed, number): (u64, usize)) -> PlannedCase {
+    let mut cases = Plan::Singles.cases(number, seed, Hearts::Elastance);
     cases.pop().expect("numbers begin at one")
 }
 
@@ -37,8 +37,8 @@ fn search(measured: &Measured, effects: &[&str]) -> Findings {
 }
 
 /// Without the measurement the hidden effect does not stand alone; with it, it does.
-fn shown_by(kind: Measurement, number: usize, rivals: &[&str]) -> [Findings; 2] {
-    let planned = planned(number);
+fn shown_by(kind: Measurement, case: (u64, usize), rivals: &[&str]) -> [Findings; 2] {
+    let planned = planned(case);
     let truth = planned.effects[0].0;
     let effects = [&[truth], rivals].concat();
     let stands_alone = |found: &Findings| found.accepted == [truth] && found.confusable.is_empty();
@@ -56,7 +56,7 @@ fn shown_by(kind: Measurement, number: usize, rivals: &[&str]) -> [Findings; 2] 
 
 #[test]
 fn aortic_pressure_shows_a_mild_stenosis() {
-    let [without, with] = shown_by(Measurement::AorticPressure, 20, &["wave_reflection"]);
+    let [without, with] = shown_by(Measurement::AorticPressure, (901, 20), &["wave_reflection"]);
     assert!(without.none && !with.effects[0].artefact);
     // The answer says how well the model follows the new trace.
     let of_aorta = |found: &Findings| {
@@ -71,7 +71,7 @@ fn aortic_pressure_shows_a_mild_stenosis() {
 #[test]
 fn mitral_flow_tells_a_septal_defect_from_mitral_regurgitation() {
     let rivals = ["mitral_regurgitation", "volume_scaling"];
-    let [without, _] = shown_by(Measurement::MitralFlow, 24, &rivals);
+    let [without, _] = shown_by(Measurement::MitralFlow, (901, 24), &rivals);
     assert!(
         !without
             .accepted
@@ -87,7 +87,45 @@ fn mitral_flow_tells_a_septal_defect_from_mitral_regurgitation() {
 #[test]
 fn times_of_valves_and_qrs_tell_slow_relaxation_from_dyssynchrony() {
     for kind in [Measurement::ValveTimes, Measurement::Qrs] {
-        let [without, _] = shown_by(kind, 22, &["dyssynchrony"]);
+        let [without, _] = shown_by(kind, (901, 22), &["dyssynchrony"]);
         assert_eq!(without.accepted, ["dyssynchrony"]);
     }
+}
+
+#[test]
+fn aortic_flow_shows_a_leak_of_the_aortic_valve() {
+    let rivals = ["mitral_regurgitation", "atrial_kick", "pressure_offset"];
+    let [without, _] = shown_by(Measurement::AorticFlow, (902, 3), &rivals);
+    assert!(without.none);
+}
+
+#[test]
+fn a_beat_under_a_lower_load_shows_a_stiff_wall() {
+    let rivals = ["pericardial_constraint", "atrial_kick", "pressure_offset"];
+    let [without, _] = shown_by(Measurement::Loaded, (901, 7), &rivals);
+    assert!(without.none);
+}
+
+#[test]
+fn atrial_pressure_shows_a_shifted_zero_and_a_weak_kick() {
+    let rivals = [
+        "pericardial_constraint",
+        "viscoelasticity",
+        "passive_stiffening",
+    ];
+    let [without, _] = shown_by(Measurement::AtrialPressure, (901, 15), &rivals);
+    assert!(without.none);
+    let [without, _] = shown_by(
+        Measurement::AtrialPressure,
+        (901, 49),
+        &["aortic_regurgitation", "viscoelasticity"],
+    );
+    assert!(without.none);
+}
+
+#[test]
+fn strain_tells_a_factor_of_all_volumes_from_a_leak() {
+    let rivals = ["mitral_regurgitation", "ventricular_septal_defect"];
+    let [without, _] = shown_by(Measurement::Strain, (901, 16), &rivals);
+    assert_eq!(without.accepted, ["volume_scaling"]);
 }

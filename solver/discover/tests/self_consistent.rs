@@ -4,7 +4,7 @@
 use cardiotwin_discover::forward::{Forward, Prediction, Request};
 use cardiotwin_discover::further::Further;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
-use cardiotwin_discover::noise::ModelDiscrepancy;
+use cardiotwin_discover::noise::ErrorModel;
 use cardiotwin_discover::phases::Phases;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
@@ -260,7 +260,7 @@ fn fitted_volumes_do_not_lie_below_the_measured_ones() {
         // Without scalars, only weak priors could hold the volumes elsewhere.
         measured.side = SideData::default();
         let model = Reduced::new(&measured);
-        let data = Data::new(measured, &ModelDiscrepancy::default(), None);
+        let data = Data::new(measured, &ErrorModel::default(), None);
         let problem = Problem {
             forward: &model,
             data: &data,
@@ -294,7 +294,7 @@ fn threads_do_not_change_a_bit() {
 #[test]
 fn phases_follow_the_valves_of_the_model() {
     let beat = beat(&[], &[]);
-    let data = Data::new(patient(None, 4), &ModelDiscrepancy::default(), None);
+    let data = Data::new(patient(None, 4), &ErrorModel::default(), None);
     let phases = Phases::of(&data.pressure, &data.volume, data.measured.cycle_ms);
     let open = |flow: &[f64]| {
         let n = flow.len();

@@ -23,7 +23,7 @@ mod visibility;
 use cardiotwin_discover::Reduced;
 use cardiotwin_discover::learnt::{Formulation, Learnt, Mode, NODES, place};
 use cardiotwin_discover::least_squares::Settings;
-use cardiotwin_discover::noise::{ModelDiscrepancy, Signal};
+use cardiotwin_discover::noise::{ErrorModel, Signal};
 use cardiotwin_discover::phases::Phases;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
@@ -102,7 +102,7 @@ fn residuals(case: &Case) -> Option<DVector<f64>> {
     let measured = visibility::noise_free(case);
     let forward = Reduced::new(&measured);
     let cycle = measured.cycle_ms;
-    let data = Data::new(measured, &ModelDiscrepancy::default(), None);
+    let data = Data::new(measured, &ErrorModel::default(), None);
     let problem = Problem {
         forward: &forward,
         data: &data,

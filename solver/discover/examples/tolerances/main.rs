@@ -23,7 +23,7 @@ use cardiotwin_discover::Reduced;
 use cardiotwin_discover::further::{FurtherTrace, LoadedBeat, ValveTimes};
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::Uncertain;
-use cardiotwin_discover::noise::ModelDiscrepancy;
+use cardiotwin_discover::noise::ErrorModel;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::fit_base;
 use cardiotwin_discover::usual;
@@ -85,7 +85,7 @@ fn missed(planned: &PlannedCase) -> Option<Missed> {
         frame_volume_ml: measured.frame_time_ms.iter().map(of_frame).collect(),
     });
     let forward = Reduced::new(&measured);
-    let data = Data::new(measured, &ModelDiscrepancy::default(), None);
+    let data = Data::new(measured, &ErrorModel::default(), None);
     let problem = Problem {
         forward: &forward,
         data: &data,

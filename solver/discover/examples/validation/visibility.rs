@@ -7,7 +7,7 @@ use cardiotwin_discover::forward::Forward;
 use cardiotwin_discover::further::{Further, FurtherTrace, LoadedBeat};
 use cardiotwin_discover::least_squares::Settings;
 use cardiotwin_discover::measured::{Cuff, GivenLoads, Measured, SideData, Uncertain, WholeHeart};
-use cardiotwin_discover::noise::ModelDiscrepancy;
+use cardiotwin_discover::noise::ErrorModel;
 use cardiotwin_discover::problem::{Data, Problem};
 use cardiotwin_discover::search::{add_term, fit_base};
 use cardiotwin_validation::{Case, Side, further as simulated};
@@ -123,7 +123,7 @@ pub fn with_noise(case: &Case, further: &simulated::Further) -> Measured {
 pub fn of(case: &Case) -> Visibility {
     let measured = noise_free(case);
     let forward = Reduced::new(&measured);
-    let data = Data::new(measured, &ModelDiscrepancy::default(), None);
+    let data = Data::new(measured, &ErrorModel::default(), None);
     let problem = Problem {
         forward: &forward,
         data: &data,
