@@ -81,7 +81,7 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::PassiveState(_) => 8,
-            Self::Discover(_) => 7,
+            Self::Discover(_) => 8,
             Self::Step1Proposal(_) => 6,
             Self::OrganBeat(_) => 7,
             Self::CellFit(_) => 6,

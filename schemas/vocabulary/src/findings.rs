@@ -272,7 +272,8 @@ pub struct PhaseBegin {
 pub struct SearchSettings {
     /// Names of all candidates that were tried.
     pub effects: Vec<String>,
-    /// Smallest evidence with which an effect is named.
+    /// Smallest evidence with which an effect is named, its prior odds included: twice the logarithm of
+    /// its posterior odds.
     pub least_evidence: f64,
     /// Probability that an effect is named although nothing is missing.
     pub false_alarm: f64,
@@ -283,12 +284,11 @@ pub struct SearchSettings {
 }
 
 impl Default for SearchSettings {
-    /// The whole catalogue, and an evidence of 6 for a name: odds of 20 to 1 (Kass and Raftery
-    /// 1995).
+    /// The whole catalogue, and posterior odds of 9 to 1 for a name, which is given with 90 %: 2 ln 9.
     fn default() -> Self {
         Self {
             effects: Vec::new(),
-            least_evidence: 6.0,
+            least_evidence: 4.4,
             false_alarm: 0.04,
             n_bootstrap: 2000,
             max_effects: 3,

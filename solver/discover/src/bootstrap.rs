@@ -1,4 +1,4 @@
-//! Significance: the evidence that noise alone gives to the best of all candidates, linearised
+//! Significance: the posterior odds that noise alone gives to the best of all candidates, linearised
 //! around a fit.
 //!
 //! It is a parametric bootstrap of the maximum over all candidates (Johansson et al. 2014, BMC Syst
@@ -30,6 +30,8 @@ pub struct Tangent {
     sides: (bool, bool),
     /// z of the typical strength.
     typical: f64,
+    /// Twice the logarithm of the candidate's prior odds.
+    log_prior: f64,
 }
 
 impl Tangent {
@@ -54,8 +56,9 @@ impl Tangent {
         (if side { projection * projection } else { 0.0 }) - 2.0 * self.length.ln()
     }
 
-    /// Evidence of these residuals for the candidate; zero if the strength may not be named.
-    fn evidence(&self, noise: &DVector<f64>) -> f64 {
+    /// Twice the logarithm of the candidate's posterior odds for these residuals; zero if the strength
+    /// may not be named.
+    fn log_odds(&self, noise: &DVector<f64>) -> f64 {
         let projection = self.direction.dot(noise);
         let strength = projection / self.length;
         let side = if strength < 0.0 {
@@ -66,7 +69,7 @@ impl Tangent {
         if !side || strength.abs() < self.floor {
             return 0.0;
         }
-        projection * projection - 2.0 * self.length.ln()
+        projection * projection - 2.0 * self.length.ln() + self.log_prior
     }
 }
 
@@ -139,12 +142,14 @@ pub fn tangents(problem: &Problem<'_>, at: &Fit, among: &[usize]) -> Vec<Tangent
                 floor: (candidate.smallest / strength.sd).abs(),
                 sides: (low < -1e-9, high > 1e-9),
                 typical,
+                log_prior: candidate.log_prior,
             })
         })
         .collect()
 }
 
-/// Largest evidence of any candidate in each of `n` draws of noise, in ascending order.
+/// Largest logarithm of any candidate's posterior odds, times two, in each of `n` draws of noise, in
+/// ascending order.
 #[must_use]
 pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
     let Some(first) = tangents.first() else {
@@ -160,7 +165,7 @@ pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
         .map(|noise| {
             tangents
                 .iter()
-                .map(|t| t.evidence(noise))
+                .map(|t| t.log_odds(noise))
                 .fold(0.0, f64::max)
         })
         .collect();
@@ -168,11 +173,11 @@ pub fn null_maxima(tangents: &[Tangent], n: usize, seed: u64) -> Vec<f64> {
     maxima
 }
 
-/// Share of the sorted maxima that reach this evidence, (1 + number) / (1 + n), which is never
+/// Share of the sorted maxima that reach this value, (1 + number) / (1 + n), which is never
 /// zero.
 #[must_use]
-pub fn p_value(maxima: &[f64], evidence: f64) -> f64 {
-    let reached = maxima.iter().filter(|m| **m >= evidence).count();
+pub fn p_value(maxima: &[f64], value: f64) -> f64 {
+    let reached = maxima.iter().filter(|m| **m >= value).count();
     (1 + reached) as f64 / (1 + maxima.len()) as f64
 }
 
@@ -199,6 +204,7 @@ mod tests {
             floor,
             sides,
             typical: 1.0,
+            log_prior: 0.0,
         }
     }
 
@@ -233,6 +239,19 @@ mod tests {
             .map(|i| tangent(i, 1.0, 6.0, (true, true)))
             .collect();
         assert_eq!(quantile(&null_maxima(&floored, 20_000, 1), 0.99), 0.0);
+    }
+
+    #[test]
+    fn rare_effects_need_no_less_because_of_frequent_ones() {
+        let rare = |axis: usize| Tangent {
+            log_prior: -4.0,
+            ..tangent(axis, 1.0, 0.0, (true, true))
+        };
+        let alone = quantile(&null_maxima(&[rare(1)], 20_000, 5), 0.95);
+        assert!((alone + 0.16).abs() < 0.2 || alone == 0.0, "{alone}");
+        let frequent = tangent(2, 1.0, 0.0, (true, true));
+        let both = quantile(&null_maxima(&[rare(1), frequent], 20_000, 5), 0.95);
+        assert!((both - 3.9).abs() < 0.3, "{both}");
     }
 
     #[test]

@@ -151,8 +151,8 @@ pub fn discover(
             depends_on: depends_on(data, &before),
         }
     });
-    let best_gain = (0..candidates.len())
-        .filter_map(|term| stages[0].gain(term))
+    let best_odds = (0..candidates.len())
+        .filter_map(|term| Some(stages[0].gain(term)? + candidates[term].log_prior))
         .fold(0.0, f64::max);
     let Tabulated {
         phases,
@@ -185,7 +185,7 @@ pub fn discover(
         gap_after: gap(&problem, &seen_after),
         gap_heldout_before: held_out_gap(&held_before),
         gap_heldout_after: held_out_gap(&held_after),
-        p_value: p_value(&stages[0].maxima, best_gain),
+        p_value: p_value(&stages[0].maxima, best_odds),
         threshold,
         nameless_evidence: unhealthy.1,
         places: locate(&problem, &before),

@@ -387,12 +387,12 @@ mod tests {
                 50.0 + now
             })
             .collect();
+        let correlation = ErrorModel::default().frame_correlation;
         let mut frame = 2.5 * normal();
         let frame_volume_ml = (0..30)
             .map(|_| {
                 let now = frame;
-                frame = FRAME_CORRELATION * frame
-                    + 2.5 * (1.0 - error_model.frame_correlation.powi(2)).sqrt() * normal();
+                frame = correlation * frame + 2.5 * (1.0 - correlation.powi(2)).sqrt() * normal();
                 100.0 + now
             })
             .collect();

@@ -14,6 +14,9 @@ use rayon::prelude::*;
 pub const BARE_MENTION: f64 = 2.0;
 /// Score below which a candidate is not fitted where it has been fitted without the competitor, or at an earlier stage.
 const WORTH_A_FIT: f64 = -3.0;
+/// Evidence with which a candidate that may not be named acts as a competitor: "strong" (Kass and
+/// Raftery 1995).
+const CLEAR: f64 = 6.0;
 /// Number of candidates that are fitted with all competitors.
 const SHORT_LIST: usize = 4;
 /// Number of candidates whose optima serve as starts for one another.
@@ -39,7 +42,7 @@ pub struct SearchStage {
     pub with: Vec<Option<FitsByDiscrepancy>>,
     /// Directions of the candidates at the structure's fit.
     pub tangents: Vec<Tangent>,
-    /// Largest evidence of any candidate in draws of noise, sorted.
+    /// Largest posterior odds of any candidate in draws of noise (twice their logarithm), sorted.
     pub maxima: Vec<f64>,
 }
 
@@ -116,9 +119,7 @@ impl Search<'_> {
         let gain = |f: &Fit| current.neg2_log_evidence - f.neg2_log_evidence;
         let unnamed = (fits.iter().enumerate())
             .filter_map(|(term, f)| f.as_ref().map(|f| (term, f)))
-            .filter(|(term, f)| {
-                gain(f) >= self.settings.search.least_evidence && !self.plausible(f, *term)
-            })
+            .filter(|(term, f)| gain(f) >= CLEAR && !self.plausible(f, *term))
             .max_by(|a, b| gain(a.1).total_cmp(&gain(b.1)))
             .map(|(term, f)| (DiscrepancyTerm::Unnamed(term), f.clone()));
         wide.fits.extend(unnamed);
@@ -256,7 +257,7 @@ impl Search<'_> {
         fits
     }
 
-    /// Evidence required for a name.
+    /// Posterior odds required for a name, as twice their logarithm.
     #[must_use]
     pub fn threshold(&self, stage: &SearchStage) -> f64 {
         let criteria = &self.settings.search;
@@ -311,10 +312,27 @@ impl Search<'_> {
     ///
     /// - `plain`: evidence without competitors on either side
     /// - `robust`: evidence with the best competitor on either side
-    /// - `needed`: evidence that a name requires at even odds
+    /// - `needed`: posterior odds that a name requires, as twice their logarithm
     #[must_use]
     pub fn enough(&self, term: usize, (plain, robust): (f64, f64), needed: f64) -> bool {
         plain.min(robust) + self.forward.candidates()[term].log_prior >= needed
+    }
+
+    /// Candidate with the best evidence without competitors that may be named and is worth a look,
+    /// frequency included.
+    #[must_use]
+    pub fn promising(&self, stage: &SearchStage) -> Option<usize> {
+        let candidates = self.forward.candidates();
+        let odds = |term: usize| Some(stage.gain(term)? + candidates[term].log_prior);
+        let least = self.settings.search.least_evidence;
+        (0..stage.with.len())
+            .filter_map(|term| Some((term, odds(term)?)))
+            .filter(|(term, odds)| {
+                let with = stage.with[*term].as_ref();
+                *odds >= least && with.is_some_and(|with| self.nameable(with, *term))
+            })
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(term, _)| term)
     }
 
     /// Best candidate that may be named; `None` if its evidence does not suffice.

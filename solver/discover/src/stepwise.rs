@@ -1,5 +1,5 @@
-//! Search over structures: effects are added, exchanged and removed until the data support no
-//! further change.
+//! Search over structures: effects are added, alone or two together, exchanged and removed until the
+//! data support no further change.
 
 use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy};
 use crate::fit::Fit;
@@ -84,7 +84,17 @@ fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsB
             .next(&stage)
             .filter(|_| n_terms < search.settings.search.max_effects as usize);
         let next = next.and_then(|term| stage.with[term].clone());
+        let pair = match next {
+            None if n_terms == 0 => pair(search, &stage),
+            _ => None,
+        };
         stages.push(stage);
+        if let Some((beside, both)) = pair {
+            unnamed.extend(beside.unnamed());
+            stages.push(beside);
+            current = both;
+            continue;
+        }
         let Some(next) = next else { return current };
         current = next;
         if n_terms > 0 {
@@ -99,6 +109,28 @@ fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsB
                 .unwrap_or(current);
         }
     }
+}
+
+/// Two effects of which neither suffices alone: the stage with the more promising one, and the
+/// structure with both.
+fn pair(search: &Search<'_>, stage: &SearchStage) -> Option<(SearchStage, FitsByDiscrepancy)> {
+    let first = search.promising(stage)?;
+    if search.settings.search.max_effects < 2 {
+        return None;
+    }
+    let with = stage.with[first].as_ref()?;
+    let beside = search.stage(with.plain(), 1);
+    let second = search.next(&beside)?;
+    let both = beside.with[second].clone()?;
+    let candidates = search.forward.candidates();
+    let prior = candidates[first].log_prior + candidates[second].log_prior;
+    let of = |own: f64, with: f64| own - with + prior;
+    let plain = of(
+        stage.own.plain().neg2_log_evidence,
+        both.plain().neg2_log_evidence,
+    );
+    let robust = of(stage.own.neg2_log_evidence(), both.neg2_log_evidence());
+    (plain.min(robust) >= search.threshold(stage)).then_some((beside, both))
 }
 
 /// A structure from which nothing can be removed.

@@ -209,7 +209,7 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
         seed: 1,
         settings: SearchSettings {
             effects: vec!["atrial_kick".to_owned()],
-            least_evidence: 6.0,
+            least_evidence: 4.4,
             false_alarm: 0.04,
             n_bootstrap: 2000,
             max_effects: 3,
