@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 const SHOWN: f64 = 6.0;
 
 /// Rows of all candidates: first the accepted ones as fitted together, the largest loss first; then
-/// the others by evidence, each added to the base alone.
+/// the others by evidence, each added to the base alone, those first whose strength may get a name.
 pub(crate) fn ranked_effects(
     search: &Search<'_>,
     stages: &[SearchStage],
@@ -88,6 +88,7 @@ pub(crate) fn ranked_effects(
             probability(search, stage, term),
         ));
     }
+    effects[losses.len()..].sort_by_key(|effect| !effect.plausible);
     effects
 }
 

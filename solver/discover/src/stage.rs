@@ -111,6 +111,12 @@ impl Search<'_> {
                 *found = best([found.take(), add_term(&plain, current, term, fit)]);
             }
         }
+        let tangents = tangents(&plain, current, &self.among);
+        let maxima = null_maxima(
+            &tangents,
+            self.settings.search.n_bootstrap as usize,
+            self.settings.seed ^ (index << 32),
+        );
         let only = FitsByDiscrepancy {
             fits: vec![(DiscrepancyTerm::Nothing, current.clone())],
         };
@@ -126,7 +132,7 @@ impl Search<'_> {
         // If a competitor explains much, candidates are also tried beside it.
         let (kind, nameless) = wide.nameless();
         let mut beside: Vec<Option<Fit>> = vec![None; fits.len()];
-        let hopeful = self.hopeful(current, &fits);
+        let hopeful = self.hopeful(current, &fits, &maxima);
         if let Some(with) = wide.with(kind).filter(|_| nameless > BARE_MENTION) {
             let problem = self.views.problem(self.forward, kind);
             let mut among = self.worth_a_fit(&problem, with);
@@ -151,12 +157,6 @@ impl Search<'_> {
                 })
             })
             .collect();
-        let tangents = tangents(&plain, current, &self.among);
-        let maxima = null_maxima(
-            &tangents,
-            self.settings.search.n_bootstrap as usize,
-            self.settings.seed ^ (index << 32),
-        );
         SearchStage {
             own: wide,
             with,
@@ -178,8 +178,8 @@ impl Search<'_> {
 
     /// Candidates that may get a name by their evidence without a competitor. The others need no
     /// fits with competitors.
-    fn hopeful(&self, current: &Fit, fits: &[Option<Fit>]) -> Vec<usize> {
-        let least = self.settings.search.least_evidence - BARE_MENTION;
+    fn hopeful(&self, current: &Fit, fits: &[Option<Fit>], maxima: &[f64]) -> Vec<usize> {
+        let least = self.needed(maxima) - BARE_MENTION;
         let candidates = self.forward.candidates();
         (fits.iter().enumerate())
             .filter(|(term, found)| {
@@ -260,10 +260,14 @@ impl Search<'_> {
     /// Posterior odds required for a name, as twice their logarithm.
     #[must_use]
     pub fn threshold(&self, stage: &SearchStage) -> f64 {
+        self.needed(&stage.maxima)
+    }
+
+    fn needed(&self, maxima: &[f64]) -> f64 {
         let criteria = &self.settings.search;
         criteria
             .least_evidence
-            .max(quantile(&stage.maxima, 1.0 - criteria.false_alarm))
+            .max(quantile(maxima, 1.0 - criteria.false_alarm))
     }
 
     /// Index of a term's first parameter in a fit that contains the term.
