@@ -11,7 +11,8 @@ use serde::{Deserialize, Serialize};
 pub struct Findings {
     /// Whether no effect is named, because nothing is missing or because the gap is unexplained.
     pub none: bool,
-    /// Candidates: accepted ones first, the others by probability.
+    /// Candidates: accepted ones first, then those whose strength may get a name, then the rest, each by
+    /// probability.
     pub effects: Vec<RankedEffect>,
     /// Names of the effects that the selection added to the model.
     pub accepted: Vec<String>,
