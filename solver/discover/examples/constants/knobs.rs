@@ -92,7 +92,7 @@ const OF_SETTINGS: [OfSettings; 18] = [
             s.learnt = std::mem::take(&mut s.learnt).scaled(f);
         },
     ),
-    ("evidence for a name", "6", |s, f| {
+    ("evidence for a name", "4.4", |s, f| {
         s.search.least_evidence *= f
     }),
     ("chance of a name by noise alone", "4 %", |s, f| {
