@@ -118,6 +118,17 @@ impl FitsByDiscrepancy {
             .expect("one fit at least")
     }
 
+    /// Takes over the better of the other's fits of the same structure, competitor by competitor.
+    pub fn improve(&mut self, other: &Self) {
+        for (kind, fit) in &other.fits {
+            match self.fits.iter_mut().find(|(own, _)| own == kind) {
+                Some((_, own)) if fit.deviance < own.deviance => *own = fit.clone(),
+                Some(_) => {}
+                None => self.fits.push((*kind, fit.clone())),
+            }
+        }
+    }
+
     /// Evidence with the best treatment of the remaining gap.
     #[must_use]
     pub fn neg2_log_evidence(&self) -> f64 {

@@ -61,7 +61,7 @@ impl Search<'_> {
             .par_iter()
             .map(|(kind, fit)| (*kind, self.without(*kind, fit, term)))
             .collect();
-        let mut fits: Vec<(DiscrepancyTerm, Fit)> = found
+        let fits: Vec<(DiscrepancyTerm, Fit)> = found
             .into_iter()
             .filter_map(|(kind, fit)| Some((kind, fit?)))
             .collect();
@@ -71,25 +71,17 @@ impl Search<'_> {
         {
             return None;
         }
-        let known: Vec<(DiscrepancyTerm, Fit)> = (stages.iter())
-            .filter(|stage| same_terms(stage.own.plain(), &fits[0].1))
-            .flat_map(|stage| {
-                stage
-                    .own
+        let mut without = FitsByDiscrepancy { fits };
+        for stage in stages {
+            if same_terms(stage.own.plain(), without.plain()) {
+                let mut known = stage.own.clone();
+                known
                     .fits
-                    .iter()
-                    .filter(|(kind, _)| *kind != DiscrepancyTerm::Unnamed(term))
-                    .cloned()
-            })
-            .collect();
-        for (kind, fit) in known {
-            match fits.iter_mut().find(|(k, _)| *k == kind) {
-                Some((_, own)) if fit.deviance < own.deviance => *own = fit,
-                Some(_) => {}
-                None => fits.push((kind, fit)),
+                    .retain(|(kind, _)| *kind != DiscrepancyTerm::Unnamed(term));
+                without.improve(&known);
             }
         }
-        Some(FitsByDiscrepancy { fits })
+        Some(without)
     }
 
     /// Fits a structure with all competitors.

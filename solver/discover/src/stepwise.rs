@@ -44,12 +44,17 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
         let n_terms = left.plain().structure.terms.len();
         let known = stages
             .iter()
-            .find(|stage| same_terms(stage.own.plain(), left.plain()));
+            .position(|stage| same_terms(stage.own.plain(), left.plain()));
         let dropped = stages
             .last()
             .is_some_and(|stage| stage.own.plain().structure.terms.len() > n_terms);
-        let better =
-            known.is_none_or(|stage| left.plain().deviance < stage.own.plain().deviance - RISE);
+        let better = known
+            .map(|at| &stages[at].own)
+            .is_none_or(|own| left.plain().deviance < own.plain().deviance - RISE);
+        // A fit without an effect, from the optimum with it, may find what the stage missed.
+        if let Some(at) = known {
+            improve(&mut stages[at].own, &left);
+        }
         if !dropped || !better || returns == RETURNS {
             return Found {
                 stages,
@@ -68,6 +73,13 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
     }
 }
 
+/// Takes over better fits with the competitors that a stage has.
+fn improve(own: &mut FitsByDiscrepancy, other: &FitsByDiscrepancy) {
+    let mut other = other.clone();
+    other.fits.retain(|(kind, _)| own.with(*kind).is_some());
+    own.improve(&other);
+}
+
 /// Adds effects to a fit, and exchanges them, as long as the data ask for more; one stage for each number of effects.
 fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsByDiscrepancy {
     let mut current = FitsByDiscrepancy {
@@ -75,7 +87,9 @@ fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsB
     };
     let mut unnamed: Vec<DiscrepancyTerm> = stages.iter().flat_map(SearchStage::unnamed).collect();
     loop {
-        let stage = search.stage(current.plain(), stages.len() as u64);
+        let mut stage = search.stage(current.plain(), stages.len() as u64);
+        // The stage before may have found better optima with competitors.
+        improve(&mut stage.own, &current);
         unnamed.extend(stage.unnamed());
         unnamed.dedup();
         current = stage.own.clone();
@@ -119,7 +133,8 @@ fn pair(search: &Search<'_>, stage: &SearchStage) -> Option<(SearchStage, FitsBy
         return None;
     }
     let with = stage.with[first].as_ref()?;
-    let beside = search.stage(with.plain(), 1);
+    let mut beside = search.stage(with.plain(), 1);
+    improve(&mut beside.own, with);
     let second = search.next(&beside)?;
     let both = beside.with[second].clone()?;
     let candidates = search.forward.candidates();
