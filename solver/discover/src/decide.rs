@@ -152,7 +152,7 @@ pub fn discover(
         }
     });
     let best_odds = (0..candidates.len())
-        .filter_map(|term| Some(stages[0].gain(term)? + candidates[term].log_prior))
+        .filter_map(|term| search.odds(&stages[0], term))
         .fold(0.0, f64::max);
     let Tabulated {
         phases,

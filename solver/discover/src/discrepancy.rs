@@ -118,13 +118,11 @@ impl FitsByDiscrepancy {
             .expect("one fit at least")
     }
 
-    /// Takes over the better of the other's fits of the same structure, competitor by competitor.
+    /// Takes over the better fits of the same structure with the competitors that these fits have.
     pub fn improve(&mut self, other: &Self) {
-        for (kind, fit) in &other.fits {
-            match self.fits.iter_mut().find(|(own, _)| own == kind) {
-                Some((_, own)) if fit.deviance < own.deviance => *own = fit.clone(),
-                Some(_) => {}
-                None => self.fits.push((*kind, fit.clone())),
+        for (kind, own) in &mut self.fits {
+            if let Some(fit) = other.with(*kind).filter(|fit| fit.deviance < own.deviance) {
+                *own = fit.clone();
             }
         }
     }

@@ -74,11 +74,12 @@ impl Search<'_> {
         let mut without = FitsByDiscrepancy { fits };
         for stage in stages {
             if same_terms(stage.own.plain(), without.plain()) {
-                let mut known = stage.own.clone();
-                known
-                    .fits
-                    .retain(|(kind, _)| *kind != DiscrepancyTerm::Unnamed(term));
-                without.improve(&known);
+                without.improve(&stage.own);
+                let missing = (stage.own.fits.iter()).filter(|(kind, _)| {
+                    *kind != DiscrepancyTerm::Unnamed(term) && without.with(*kind).is_none()
+                });
+                let missing: Vec<_> = missing.cloned().collect();
+                without.fits.extend(missing);
             }
         }
         Some(without)

@@ -92,9 +92,12 @@ impl Search<'_> {
     }
 
     /// Fits and evidence of one structure.
+    ///
+    /// - `known`: fits of the structure; those with competitors are kept where they are better than
+    ///   what the stage finds
     #[must_use]
-    pub fn stage(&self, current: &Fit, index: u64) -> SearchStage {
-        let fit = &self.settings.fit;
+    pub fn stage(&self, known: &FitsByDiscrepancy, index: u64) -> SearchStage {
+        let (fit, current) = (&self.settings.fit, known.plain());
         let plain = self.plain();
         let among = if index == 0 {
             self.among.clone()
@@ -157,6 +160,7 @@ impl Search<'_> {
                 })
             })
             .collect();
+        wide.improve(known);
         SearchStage {
             own: wide,
             with,
@@ -322,15 +326,19 @@ impl Search<'_> {
         plain.min(robust) + self.forward.candidates()[term].log_prior >= needed
     }
 
+    /// Posterior odds of a candidate without competitors on either side, as twice their logarithm.
+    #[must_use]
+    pub fn odds(&self, stage: &SearchStage, term: usize) -> Option<f64> {
+        Some(stage.gain(term)? + self.forward.candidates()[term].log_prior)
+    }
+
     /// Candidate with the best evidence without competitors that may be named and is worth a look,
     /// frequency included.
     #[must_use]
     pub fn promising(&self, stage: &SearchStage) -> Option<usize> {
-        let candidates = self.forward.candidates();
-        let odds = |term: usize| Some(stage.gain(term)? + candidates[term].log_prior);
         let least = self.settings.search.least_evidence;
         (0..stage.with.len())
-            .filter_map(|term| Some((term, odds(term)?)))
+            .filter_map(|term| Some((term, self.odds(stage, term)?)))
             .filter(|(term, odds)| {
                 let with = stage.with[*term].as_ref();
                 *odds >= least && with.is_some_and(|with| self.nameable(with, *term))

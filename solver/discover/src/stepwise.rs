@@ -53,7 +53,7 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
             .is_none_or(|own| left.plain().deviance < own.plain().deviance - RISE);
         // A fit without an effect, from the optimum with it, may find what the stage missed.
         if let Some(at) = known {
-            improve(&mut stages[at].own, &left);
+            stages[at].own.improve(&left);
         }
         if !dropped || !better || returns == RETURNS {
             return Found {
@@ -73,13 +73,6 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
     }
 }
 
-/// Takes over better fits with the competitors that a stage has.
-fn improve(own: &mut FitsByDiscrepancy, other: &FitsByDiscrepancy) {
-    let mut other = other.clone();
-    other.fits.retain(|(kind, _)| own.with(*kind).is_some());
-    own.improve(&other);
-}
-
 /// Adds effects to a fit, and exchanges them, as long as the data ask for more; one stage for each number of effects.
 fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsByDiscrepancy {
     let mut current = FitsByDiscrepancy {
@@ -87,9 +80,7 @@ fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsB
     };
     let mut unnamed: Vec<DiscrepancyTerm> = stages.iter().flat_map(SearchStage::unnamed).collect();
     loop {
-        let mut stage = search.stage(current.plain(), stages.len() as u64);
-        // The stage before may have found better optima with competitors.
-        improve(&mut stage.own, &current);
+        let stage = search.stage(&current, stages.len() as u64);
         unnamed.extend(stage.unnamed());
         unnamed.dedup();
         current = stage.own.clone();
@@ -128,13 +119,11 @@ fn grow(search: &Search<'_>, stages: &mut Vec<SearchStage>, start: Fit) -> FitsB
 /// Two effects of which neither suffices alone: the stage with the more promising one, and the
 /// structure with both.
 fn pair(search: &Search<'_>, stage: &SearchStage) -> Option<(SearchStage, FitsByDiscrepancy)> {
-    let first = search.promising(stage)?;
     if search.settings.search.max_effects < 2 {
         return None;
     }
-    let with = stage.with[first].as_ref()?;
-    let mut beside = search.stage(with.plain(), 1);
-    improve(&mut beside.own, with);
+    let first = search.promising(stage)?;
+    let beside = search.stage(stage.with[first].as_ref()?, 1);
     let second = search.next(&beside)?;
     let both = beside.with[second].clone()?;
     let candidates = search.forward.candidates();

@@ -1,5 +1,6 @@
 //! The chosen constants of a search, and how to change each.
 
+use cardiotwin_discover::forward::{Candidate, Forward as _};
 use cardiotwin_discover::reduced::BASE;
 use cardiotwin_discover::{Measured, Reduced, Settings};
 
@@ -13,15 +14,19 @@ pub struct Constant {
 }
 
 enum Change {
+    Value(Field),
     Settings(fn(&mut Settings, f64)),
     Prior(&'static str),
-    Candidates(fn(&mut cardiotwin_discover::forward::Candidate, f64)),
+    Candidates(fn(&mut Candidate, f64)),
 }
+
+type Field = fn(&mut Settings) -> &mut f64;
 
 impl Constant {
     /// Multiplies the constant by a factor.
     pub fn apply(&self, settings: &mut Settings, model: &mut Reduced, factor: f64) {
         match self.change {
+            Change::Value(field) => *field(settings) *= factor,
             Change::Settings(change) => change(settings, factor),
             Change::Prior(name) => model.scale_prior(name, factor),
             Change::Candidates(change) => {
@@ -31,97 +36,97 @@ impl Constant {
     }
 }
 
-type OfSettings = (&'static str, &'static str, fn(&mut Settings, f64));
-
-/// Constants of the error model, of the competitors and of the criteria of a name.
-const OF_SETTINGS: [OfSettings; 18] = [
-    ("uncertainty of a stated noise level", "10 %", |s, f| {
-        s.error_model.stated_noise *= f;
+/// Constants of the error model, of the competitors and of the criteria of a name, with their units.
+const VALUES: [(&str, &str, Field); 16] = [
+    ("uncertainty of a stated noise level", "%", |s| {
+        &mut s.error_model.stated_noise
     }),
-    ("correlation of neighbouring frames", "0.2", |s, f| {
-        s.error_model.frame_correlation *= f;
+    ("correlation of neighbouring frames", "", |s| {
+        &mut s.error_model.frame_correlation
     }),
-    ("timing error", "0.5 ms", |s, f| {
-        s.error_model.timing_ms *= f
+    ("timing error", "ms", |s| &mut s.error_model.timing_ms),
+    ("correlation time of the timing error", "ms", |s| {
+        &mut s.error_model.timing_correlation_ms
     }),
-    ("correlation time of the timing error", "15 ms", |s, f| {
-        s.error_model.timing_correlation_ms *= f;
-    }),
-    ("smooth error of pressure", "0.3 mmHg", |s, f| {
-        s.error_model.pressure_mmhg *= f;
+    ("smooth error of pressure", "mmHg", |s| {
+        &mut s.error_model.pressure_mmhg
     }),
     (
         "correlation time of the smooth error of pressure",
-        "40 ms",
-        |s, f| {
-            s.error_model.pressure_correlation_ms *= f;
-        },
+        "ms",
+        |s| &mut s.error_model.pressure_correlation_ms,
     ),
-    ("smooth error of volume", "0.5 mL", |s, f| {
-        s.error_model.volume_ml *= f;
+    ("smooth error of volume", "mL", |s| {
+        &mut s.error_model.volume_ml
     }),
     (
         "correlation time of the smooth error of volume",
-        "60 ms",
-        |s, f| {
-            s.error_model.volume_correlation_ms *= f;
-        },
+        "ms",
+        |s| &mut s.error_model.volume_correlation_ms,
     ),
-    ("offset of pressure", "1 mmHg", |s, f| {
-        s.error_model.offset_mmhg *= f;
+    ("offset of pressure", "mmHg", |s| {
+        &mut s.error_model.offset_mmhg
     }),
-    ("shift of volume against pressure", "4 ms", |s, f| {
-        s.error_model.shift_ms *= f;
+    ("shift of volume against pressure", "ms", |s| {
+        &mut s.error_model.shift_ms
     }),
-    ("common factor of volumes", "2 %", |s, f| {
-        s.error_model.scale *= f
+    ("common factor of volumes", "%", |s| {
+        &mut s.error_model.scale
     }),
-    ("competitor: factors of the activation", "15 %", |s, f| {
-        s.error_model.competitors.activation *= f;
+    ("competitor: factors of the activation", "%", |s| {
+        &mut s.error_model.competitors.activation
     }),
-    ("competitor: smooth error of pressure", "2 mmHg", |s, f| {
-        s.error_model.competitors.pressure_mmhg *= f;
+    ("competitor: smooth error of pressure", "mmHg", |s| {
+        &mut s.error_model.competitors.pressure_mmhg
     }),
-    ("competitor: smooth error of volume", "3 mL", |s, f| {
-        s.error_model.competitors.volume_ml *= f;
+    ("competitor: smooth error of volume", "mL", |s| {
+        &mut s.error_model.competitors.volume_ml
     }),
-    (
-        "competitor: errors learnt on healthy hearts",
-        "as learnt",
-        |s, f| {
-            s.learnt = std::mem::take(&mut s.learnt).scaled(f);
-        },
-    ),
-    ("evidence for a name", "4.4", |s, f| {
-        s.search.least_evidence *= f
-    }),
-    ("chance of a name by noise alone", "4 %", |s, f| {
-        s.search.false_alarm *= f;
-    }),
-    ("effects of one patient, at most", "3", |s, f| {
-        s.search.max_effects = (f64::from(s.search.max_effects) * f).ceil() as u32;
+    ("evidence for a name", "", |s| &mut s.search.least_evidence),
+    ("chance of a name by noise alone", "%", |s| {
+        &mut s.search.false_alarm
     }),
 ];
 
+fn with_unit(value: f64, unit: &str) -> String {
+    match unit {
+        "%" => format!("{:.0} %", 100.0 * value),
+        _ => format!("{value} {unit}").trim_end().to_owned(),
+    }
+}
+
 /// All constants, with the values that they have for a patient.
 pub fn all(measured: &Measured) -> Vec<Constant> {
-    use cardiotwin_discover::forward::Forward as _;
-    let model = Reduced::new(measured);
-    let of_settings = OF_SETTINGS.map(|(name, value, change)| Constant {
+    let (model, mut settings) = (Reduced::new(measured), Settings::default());
+    let most_effects = settings.search.max_effects;
+    let values = VALUES.map(|(name, unit, field)| Constant {
         name: name.to_owned(),
-        value: value.to_owned(),
-        change: Change::Settings(change),
+        value: with_unit(*field(&mut settings), unit),
+        change: Change::Value(field),
     });
+    let other_settings = [
+        Constant {
+            name: "competitor: errors learnt on healthy hearts".to_owned(),
+            value: "as learnt".to_owned(),
+            change: Change::Settings(|settings, factor| {
+                settings.learnt = std::mem::take(&mut settings.learnt).scaled(factor);
+            }),
+        },
+        Constant {
+            name: "effects of one patient, at most".to_owned(),
+            value: most_effects.to_string(),
+            change: Change::Settings(|settings, factor| {
+                let most = &mut settings.search.max_effects;
+                *most = (f64::from(*most) * factor).ceil() as u32;
+            }),
+        },
+    ];
     let priors = BASE
         .into_iter()
         .zip(model.base())
         .map(|(name, p)| Constant {
             name: format!("prior of `{name}`"),
-            value: if p.log {
-                format!("± {:.0} %", 100.0 * p.sd)
-            } else {
-                format!("± {}", p.sd)
-            },
+            value: format!("± {}", with_unit(p.sd, if p.log { "%" } else { "" })),
             change: Change::Prior(name),
         });
     let candidates = [
@@ -145,8 +150,8 @@ pub fn all(measured: &Measured) -> Vec<Constant> {
             }),
         },
     ];
-    of_settings
-        .into_iter()
+    (values.into_iter())
+        .chain(other_settings)
         .chain(priors)
         .chain(candidates)
         .collect()

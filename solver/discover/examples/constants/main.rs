@@ -9,6 +9,8 @@
 //! patient. The table is Markdown: healthy hearts with a name, right names, and the mean change of the
 //! evidence for the effect that is there. `--only` takes the constants whose name contains one of the texts.
 
+#[path = "../command/arguments.rs"]
+mod arguments;
 mod knobs;
 #[path = "../validation/visibility.rs"]
 #[allow(dead_code)]
@@ -128,14 +130,13 @@ fn main() -> Result<(), String> {
         "usage: constants [--singles N] [--nulls N] [--seed N] [--jobs N] [--only TEXT,TEXT]";
     let (mut n_singles, mut n_nulls, mut seed, mut jobs) = (4, 2, 901u64, 2);
     let mut only = String::new();
-    let mut all = std::env::args().skip(1);
-    while let Some(flag) = all.next() {
-        let value = all.next().ok_or(format!("{flag} needs a value"))?;
+    for pair in arguments::pairs(std::env::args().skip(1)) {
+        let (flag, value) = pair?;
         if flag == "--only" {
             only = value;
             continue;
         }
-        let number: usize = value.parse().map_err(|e| format!("{flag} {value}: {e}"))?;
+        let number = arguments::number(&flag, &value)?;
         match flag.as_str() {
             "--singles" => n_singles = number,
             "--nulls" => n_nulls = number,
@@ -144,10 +145,7 @@ fn main() -> Result<(), String> {
             _ => return Err(usage.to_owned()),
         }
     }
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs)
-        .build_global()
-        .map_err(|e| e.to_string())?;
+    arguments::limit_threads(jobs)?;
     let patients = patients(n_singles, n_nulls, seed);
     let first = patients.first().ok_or("no patients")?;
     let constants = knobs::all(&first.measured);

@@ -13,6 +13,8 @@
 //! are made one after the other (one without it). `--make` makes these, whatever is suggested. A case is decided if the right name stands alone:
 //! accepted as the only effect, without rivals.
 
+#[path = "../command/arguments.rs"]
+mod arguments;
 #[path = "../validation/self_consistent.rs"]
 mod self_consistent;
 #[path = "../validation/source.rs"]
@@ -168,9 +170,8 @@ fn main() -> Result<(), String> {
     let (mut n_singles, mut n_nulls, mut seed, mut jobs) = (16usize, 0usize, 901u64, 2usize);
     let (mut n_steps, mut skip) = (1usize, 0usize);
     let mut wanted: Vec<Measurement> = Vec::new();
-    let mut all = std::env::args().skip(1);
-    while let Some(flag) = all.next() {
-        let value = all.next().ok_or(format!("{flag} needs a value"))?;
+    for pair in arguments::pairs(std::env::args().skip(1)) {
+        let (flag, value) = pair?;
         if flag == "--model" {
             source = match value.as_str() {
                 "other" => Source::Loop(Hearts::Elastance),
@@ -187,7 +188,7 @@ fn main() -> Result<(), String> {
                 .ok_or(format!("--make {value}"))?;
             continue;
         }
-        let number: usize = value.parse().map_err(|e| format!("{flag} {value}: {e}"))?;
+        let number = arguments::number(&flag, &value)?;
         match flag.as_str() {
             "--singles" => n_singles = number,
             "--nulls" => n_nulls = number,
@@ -198,10 +199,7 @@ fn main() -> Result<(), String> {
             _ => return Err(usage.to_owned()),
         }
     }
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs)
-        .build_global()
-        .map_err(|e| e.to_string())?;
+    arguments::limit_threads(jobs)?;
     let hearts = source.hearts();
     let mut planned = Plan::Singles.cases(n_singles, seed, hearts).split_off(skip);
     planned.extend(Plan::Nulls.cases(n_nulls, seed, hearts));

@@ -11,6 +11,8 @@
 //! For each formulation, the base is fitted to noise-free beats of N healthy hearts. The residuals
 //! over the phases of the beat give one covariance a formulation, which is written as modes.
 
+#[path = "../command/arguments.rs"]
+mod arguments;
 #[path = "../validation/self_consistent.rs"]
 mod self_consistent;
 #[path = "../validation/source.rs"]
@@ -41,13 +43,9 @@ fn main() -> Result<(), String> {
     let file = all.next().ok_or(usage)?;
     let (mut n_hearts, mut seed, mut jobs) = (60usize, 900u64, 2usize);
     let (mut beats, mut without) = (None, String::new());
-    while let Some(flag) = all.next() {
-        let value = all.next().ok_or(format!("{flag} needs a value"))?;
-        let number = || {
-            value
-                .parse::<usize>()
-                .map_err(|e| format!("{flag} {value}: {e}"))
-        };
+    for pair in arguments::pairs(all) {
+        let (flag, value) = pair?;
+        let number = || arguments::number(&flag, &value);
         match flag.as_str() {
             "--hearts" => n_hearts = number()?,
             "--seed" => seed = number()? as u64,
@@ -63,10 +61,7 @@ fn main() -> Result<(), String> {
     ];
     formulations.extend(beats.map(|beats| ("finite-element", beats)));
     formulations.retain(|(name, _)| *name != without);
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs)
-        .build_global()
-        .map_err(|e| e.to_string())?;
+    arguments::limit_threads(jobs)?;
     let mut learnt = Learnt::default();
     for (name, source) in formulations {
         let cases = Plan::Nulls.cases(n_hearts, seed, source.hearts());

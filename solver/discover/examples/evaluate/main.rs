@@ -15,6 +15,9 @@
 //! `--part development` selects the 24 cases with which the search was developed, `--part aside`
 //! all others.
 
+#[path = "../command/arguments.rs"]
+#[allow(dead_code)]
+mod arguments;
 #[allow(dead_code)]
 mod classes;
 mod load;
@@ -120,10 +123,7 @@ fn append(path: &Path, line: &serde_json::Value) -> Result<(), String> {
 
 fn run() -> Result<(), String> {
     let arguments = arguments()?;
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(arguments.jobs)
-        .build_global()
-        .map_err(|e| e.to_string())?;
+    arguments::limit_threads(arguments.jobs)?;
     let mut ids = load::cases(&arguments.folder)?;
     if let Some(part) = &arguments.part {
         ids = load::part(&ids, part)?;

@@ -10,6 +10,8 @@
 //! of whole traces (offset) and of what is left (smooth), its correlation time, and the mean and the
 //! standard deviation of the times of the valves and of the width of QRS.
 
+#[path = "../command/arguments.rs"]
+mod arguments;
 #[path = "../validation/self_consistent.rs"]
 mod self_consistent;
 #[path = "../validation/source.rs"]
@@ -144,10 +146,9 @@ fn correlation_ms(traces: &[Vec<f64>]) -> f64 {
 
 fn main() -> Result<(), String> {
     let (mut n_hearts, mut seed, mut jobs) = (30usize, 900u64, 2usize);
-    let mut all = std::env::args().skip(1);
-    while let Some(flag) = all.next() {
-        let value = all.next().ok_or(format!("{flag} needs a value"))?;
-        let number: usize = value.parse().map_err(|e| format!("{flag} {value}: {e}"))?;
+    for pair in arguments::pairs(std::env::args().skip(1)) {
+        let (flag, value) = pair?;
+        let number = arguments::number(&flag, &value)?;
         match flag.as_str() {
             "--hearts" => n_hearts = number,
             "--seed" => seed = number as u64,
@@ -155,10 +156,7 @@ fn main() -> Result<(), String> {
             _ => return Err("usage: tolerances [--hearts N] [--seed N] [--jobs N]".to_owned()),
         }
     }
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs)
-        .build_global()
-        .map_err(|e| e.to_string())?;
+    arguments::limit_threads(jobs)?;
     for (name, hearts) in [
         ("elastance", Hearts::Elastance),
         ("sarcomeres", Hearts::Sarcomeres),

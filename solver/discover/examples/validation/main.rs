@@ -13,6 +13,9 @@
 //! a stopped command can be continued. The visibility of each case, which requires fits, is entered
 //! last or left to a later call.
 
+#[path = "../command/arguments.rs"]
+#[allow(dead_code)]
+mod arguments;
 mod folder;
 #[path = "../evaluate/load.rs"]
 #[allow(dead_code)]
@@ -116,10 +119,7 @@ fn main() -> ExitCode {
 
 fn run() -> Result<(), String> {
     let arguments = arguments()?;
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(arguments.jobs)
-        .build_global()
-        .map_err(|e| e.to_string())?;
+    arguments::limit_threads(arguments.jobs)?;
     let planned: Vec<(PlannedCase, bool)> = (arguments.sets.iter())
         .flat_map(|(plan, n)| {
             let cases = plan.cases(*n, arguments.seed, arguments.source.hearts());
