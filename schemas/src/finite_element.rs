@@ -34,13 +34,24 @@ pub enum ElementKind {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LinearSolver {
-    /// Conjugate gradients with a block Jacobi preconditioner.
+    /// Conjugate gradients with a block Jacobi preconditioner and rigid motions of groups of nodes. Quadratic elements take
+    /// block Jacobi alone.
     #[default]
+    RigidLevels,
+    /// Conjugate gradients with a block Jacobi preconditioner.
     BlockJacobi,
     /// Conjugate gradients with a symmetric block Gauss-Seidel preconditioner.
     SymmetricSweep,
     /// Conjugate gradients preconditioned by a factorisation that is reused.
     Direct,
+}
+
+impl LinearSolver {
+    /// Whether several ranks can share a beat with it.
+    #[must_use]
+    pub fn is_parallel(self) -> bool {
+        matches!(self, Self::RigidLevels | Self::BlockJacobi)
+    }
 }
 
 /// Model of the electrophysiology.

@@ -1,6 +1,6 @@
 //! Number of threads of a task, and number of tasks that run side by side.
 
-use cardiotwin_schemas::finite_element::{ElementKind, FiniteElementSettings, LinearSolver};
+use cardiotwin_schemas::finite_element::{ElementKind, FiniteElementSettings};
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, Fidelity, SolverSettings};
 use cardiotwin_schemas::task::TaskSpec;
@@ -50,7 +50,7 @@ pub fn threads_in_job(
 ) -> u32 {
     let is_large =
         solver.fidelity == Fidelity::FiniteElement && u64::from(mesh_nodes) >= LARGE_MESH_NODES;
-    let is_shared = is_large && solver.finite_element.linear_solver == LinearSolver::BlockJacobi;
+    let is_shared = is_large && solver.finite_element.linear_solver.is_parallel();
     match settings.threads {
         0 if is_shared && settings.launcher.is_empty() => {
             (mesh_nodes / NODES_PER_THREAD).clamp(1, nodes.cores.max(1))
@@ -107,5 +107,5 @@ fn is_large(task: &TaskSpec) -> bool {
     let figures = &organ.figures;
     figures.nodes >= LARGE_MESH_NODES
         && figures.degrees_of_freedom == 3 * figures.nodes
-        && equations.linear_solver == LinearSolver::BlockJacobi
+        && equations.linear_solver.is_parallel()
 }

@@ -391,7 +391,7 @@ impl Default for SolverTable {
             relative_tolerance: 1e-4,
             least_pressure_kpa: 0.5,
             max_iterations: 15,
-            linear: LinearSolver::BlockJacobi,
+            linear: LinearSolver::default(),
         }
     }
 }

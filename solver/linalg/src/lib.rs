@@ -7,7 +7,7 @@
 //!   [`Preconditioner`]s
 //! - [`parallel`]: an interface for all global operations, and partitions of meshes
 //!
-//! Features: `direct` provides [`Direct`] factorisations and [`Multigrid`] (crate `faer`); `metis`
+//! Features: `direct` provides [`Direct`] factorisations, [`Multigrid`] and [`RigidLevels`] (crate `faer`); `metis`
 //! partitions meshes with METIS. Crates that only read meshes leave both out, so that the
 //! coordinator builds without these libraries.
 
@@ -34,6 +34,8 @@ pub mod parallel;
 mod pattern;
 mod preconditioner;
 mod prefetch;
+#[cfg(feature = "direct")]
+mod rigid_levels;
 pub mod vec3;
 
 pub use block_csr::{BlockCsr, Coupling};
@@ -50,6 +52,8 @@ pub use operator::Operator;
 pub use pattern::{NO_SLOT, Pattern};
 pub use preconditioner::{BlockJacobi, Preconditioner, SymmetricSweep};
 pub use prefetch::prefetch;
+#[cfg(feature = "direct")]
+pub use rigid_levels::{Entries, RigidLevels, WithLevels};
 
 #[cfg(all(test, feature = "direct"))]
 mod tests;

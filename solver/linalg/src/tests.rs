@@ -176,6 +176,73 @@ fn multigrid_needs_few_iterations_whatever_the_size() {
     );
 }
 
+impl Entries for CondensedMatrix {
+    fn pattern(&self) -> &Pattern {
+        &self.stiffness.pattern
+    }
+
+    fn stiffness(&self, slot: usize) -> [[f64; 3]; 3] {
+        let b = &self.stiffness.blocks[slot];
+        std::array::from_fn(|i| std::array::from_fn(|j| b[3 * i + j]))
+    }
+
+    fn volume_of_row(&self, slot: usize) -> [f64; 3] {
+        let pattern = &self.stiffness.pattern;
+        let row = pattern.row_start.partition_point(|k| *k as usize <= slot) - 1;
+        let turned = pattern.slot(pattern.column[slot], row as u32);
+        self.volume_of_column(turned as usize)
+    }
+
+    fn volume_of_column(&self, slot: usize) -> [f64; 3] {
+        self.coupling.as_ref().expect("a coupling").blocks[slot]
+    }
+
+    fn bulk(&self) -> &[f64] {
+        &self.bulk
+    }
+}
+
+#[test]
+fn rigid_levels_save_most_iterations_and_survive_a_copy_in_numbers() {
+    let n = 16;
+    let (a, points) = lattice(n, 1e-3, 0.0);
+    let layout = Layout::whole(n * n * n);
+    let space = VectorLayout {
+        comm: &SingleProcess,
+        layout: &layout,
+    };
+    let b = right_hand_side(3 * n * n * n);
+    let settings = KrylovSettings {
+        relative_tolerance: 1e-8,
+        ..KrylovSettings::default()
+    };
+    let levels = RigidLevels::new(space, &a, &points, &points);
+    let numbers = levels.numbers();
+    let copy = RigidLevels::from_numbers(space, &points, &numbers);
+    assert_eq!(copy.as_ref(), Some(&levels));
+    assert_eq!(
+        RigidLevels::from_numbers(space, &points, &numbers[..100]),
+        None
+    );
+    let solved = |m: &dyn Preconditioner| {
+        let mut x = vec![0.0; b.len()];
+        let report = conjugate_gradients(space, &a, m, &b, &mut x, &settings);
+        assert_eq!(report.ending, KrylovEnding::Converged, "{report:?}");
+        (report.iterations, x)
+    };
+    let jacobi = BlockJacobi::new(&a);
+    let (many, x) = solved(&jacobi);
+    let levels = &levels;
+    let (few, y) = solved(&WithLevels { jacobi, levels });
+    assert!(5 * few < 2 * many, "{few} {many}");
+    let largest = x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    assert!(
+        x.iter()
+            .zip(&y)
+            .all(|(x, y)| (x - y).abs() < 1e-5 * largest)
+    );
+}
+
 #[test]
 fn an_indefinite_matrix_stops_conjugate_gradients_but_not_minres_and_gmres() {
     let (a, points) = lattice(5, -0.35, 0.0);

@@ -1,6 +1,6 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
 //! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic]
-//! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=jacobi|sweep|direct] [static=direct|multigrid]
+//! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=levels|jacobi|sweep|direct] [static=direct|multigrid]
 //! [tolerance=1e-4] [step=1] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
 //! taken for unloaded. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
 //! of the passive ring at the base. What a beat is made of: `cardiotwin-dev bench beat --nodes N`.
@@ -61,10 +61,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         volume => volume,
     };
     let kind = ElementKind { volume, ..kind };
-    let linear = match argument("linear", "jacobi".to_owned()).as_str() {
+    let linear = match argument("linear", "levels".to_owned()).as_str() {
         "direct" => LinearSolver::Direct,
         "sweep" => LinearSolver::SymmetricSweep,
-        _ => LinearSolver::BlockJacobi,
+        "jacobi" => LinearSolver::BlockJacobi,
+        _ => LinearSolver::RigidLevels,
     };
     let begun = Instant::now();
     let (cavity, edv, p_image, edp) = (112.0, argument("edv", 126.0), 6.0, 9.0);

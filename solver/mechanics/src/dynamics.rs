@@ -124,6 +124,15 @@ pub struct Candidate {
     pub pressure_kpa: f64,
 }
 
+impl Candidate {
+    /// Sets the displacement to `start − share x`.
+    pub(crate) fn subtract(&mut self, start: &[f64], share: f64, x: &[f64]) {
+        for (u, (start, x)) in self.motion.u.iter_mut().zip(start.iter().zip(x)) {
+            *u = start - share * x;
+        }
+    }
+}
+
 /// `to += k from`.
 fn add_times(k: f64, from: &[f64], to: &mut [f64]) {
     to.iter_mut()

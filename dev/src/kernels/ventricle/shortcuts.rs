@@ -106,6 +106,24 @@ fn ways(tolerance: f64) -> Vec<Way> {
             false,
         ),
         (
+            "no guess from recent corrections",
+            StepSettings {
+                kept_corrections: 0,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
+        (
+            "block Jacobi alone, without levels of rigid motions",
+            StepSettings {
+                linear: LinearSolver::BlockJacobi,
+                ..usual
+            },
+            [1.0, 0.0],
+            false,
+        ),
+        (
             "solves begin at zero, not at the last response",
             usual,
             [1.0, 0.0],
@@ -196,7 +214,7 @@ pub fn shortcuts(
             diastolic_step_ms,
             ..*bench
         };
-        let ranks = Ranks::Threads(if settings.linear == LinearSolver::BlockJacobi {
+        let ranks = Ranks::Threads(if settings.linear.is_parallel() {
             threads
         } else {
             1

@@ -1,7 +1,7 @@
 //! What assembly asks of a tangent, whatever its storage.
 
 use cardiotwin_linalg::parallel::VectorLayout;
-use cardiotwin_linalg::{CondensedMatrix, NO_SLOT, Operator, Pattern};
+use cardiotwin_linalg::{CondensedMatrix, Entries, NO_SLOT, Operator, Pattern};
 
 use super::PackedTangent;
 
@@ -24,6 +24,11 @@ pub trait Assembled: Operator {
 
     /// A block of the stiffness alone, row-major.
     fn stiffness_block(&self, slot: usize) -> [[f32; 3]; 3];
+
+    /// Entries for levels of rigid motions, in a storage that has them.
+    fn entries(&self) -> Option<&dyn Entries> {
+        None
+    }
 
     /// `Gᵀ x`, the change of the vertices' volumes \[mm³\], ghosts up to date; empty without nodal volume change. Brings
     /// ghosts of `x` up to date first. Collective.

@@ -1,7 +1,7 @@
 //! Assembly of the tangent in single precision.
 
 use cardiotwin_linalg::parallel::VectorLayout;
-use cardiotwin_linalg::{NO_SLOT, Pattern};
+use cardiotwin_linalg::{Entries, NO_SLOT, Pattern};
 
 use super::assembled::{Assembled, Sink};
 use super::packed::{PackedBlock, PackedTangent, PackedVolume, Rows};
@@ -9,6 +9,10 @@ use super::packed::{PackedBlock, PackedTangent, PackedVolume, Rows};
 impl Assembled for PackedTangent {
     fn pattern(&self) -> &Pattern {
         &self.pattern
+    }
+
+    fn entries(&self) -> Option<&dyn Entries> {
+        Some(self)
     }
 
     fn clear(&mut self, bulk: &[f64]) {
@@ -111,5 +115,29 @@ impl Assembled for PackedTangent {
         }
         space.comm.sum(&mut sums);
         (sums[0] / sums[1].max(1.0)).max(f64::MIN_POSITIVE)
+    }
+}
+
+impl Entries for PackedTangent {
+    fn pattern(&self) -> &Pattern {
+        &self.pattern
+    }
+
+    fn stiffness(&self, slot: usize) -> [[f64; 3]; 3] {
+        let PackedBlock(b) = &self.blocks[slot];
+        std::array::from_fn(|i| std::array::from_fn(|j| f64::from(b[j][i])))
+    }
+
+    fn volume_of_row(&self, slot: usize) -> [f64; 3] {
+        self.blocks[slot].0.map(|column| f64::from(column[3]))
+    }
+
+    fn volume_of_column(&self, slot: usize) -> [f64; 3] {
+        let PackedVolume([x, y, z, _]) = self.volumes[slot];
+        [x, y, z].map(f64::from)
+    }
+
+    fn bulk(&self) -> &[f64] {
+        &self.bulk
     }
 }

@@ -18,7 +18,7 @@ use super::share::Share;
 use super::wall::{WallError, WallParameters};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::newton::{LinearSolver, Smallest};
+use crate::newton::Smallest;
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
 
 #[derive(Debug, Clone)]
@@ -33,12 +33,15 @@ pub(super) struct Setup {
 /// Nodal or point values that rank 0 collects or distributes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Values {
-    /// Displacement, velocity, acceleration, forces and the solver's response to pressure have three numbers a node.
+    /// Displacement, velocity, acceleration, forces and each vector of the solver's memory have three numbers a node.
     Displacement,
     Velocity,
     Acceleration,
     Force,
-    Response,
+    /// A vector of the solver's memory: on request the one of this number; any number appends one.
+    Memory(usize),
+    /// Each rank's levels of rigid motions.
+    Levels,
     /// Contraction states, stretch, stress and calcium have one or more numbers a point.
     Cells,
     PointStretch,
@@ -51,12 +54,13 @@ pub(super) enum Values {
 }
 
 impl Values {
-    pub const ALL: [Self; 12] = [
+    /// All but the solver's memory.
+    const FIXED: [Self; 12] = [
         Self::Displacement,
         Self::Velocity,
         Self::Acceleration,
         Self::Force,
-        Self::Response,
+        Self::Levels,
         Self::Cells,
         Self::PointStretch,
         Self::PointStress,
@@ -65,6 +69,23 @@ impl Values {
         Self::Stress,
         Self::Calcium,
     ];
+
+    fn encoded(self) -> f64 {
+        let fixed = Self::FIXED.iter().position(|v| *v == self);
+        let number = match self {
+            Self::Memory(k) => Self::FIXED.len() + k,
+            _ => fixed.unwrap_or_default(),
+        };
+        number as f64
+    }
+
+    fn decoded(number: f64) -> Self {
+        let number = number as usize;
+        Self::FIXED
+            .get(number)
+            .copied()
+            .unwrap_or_else(|| Self::Memory(number - Self::FIXED.len()))
+    }
 
     /// Position in the list of point states, if these values belong to points.
     pub fn of_points(self) -> Option<usize> {
@@ -131,12 +152,6 @@ pub(super) enum Command {
 
 impl Command {
     fn encoded(self) -> [f64; 4] {
-        let number = |values: Values| {
-            Values::ALL
-                .iter()
-                .position(|v| *v == values)
-                .unwrap_or_default() as f64
-        };
         match self {
             Self::Stop => [0.0; 4],
             Self::Try {
@@ -148,8 +163,8 @@ impl Command {
             Self::RollBack => [3.0, 0.0, 0.0, 0.0],
             Self::Resume { pressure_kpa } => [4.0, pressure_kpa, 0.0, 0.0],
             Self::Forget => [5.0, 0.0, 0.0, 0.0],
-            Self::Collect(values) => [6.0, number(values), 0.0, 0.0],
-            Self::HandOut(values) => [7.0, number(values), 0.0, 0.0],
+            Self::Collect(values) => [6.0, values.encoded(), 0.0, 0.0],
+            Self::HandOut(values) => [7.0, values.encoded(), 0.0, 0.0],
             Self::Volume => [8.0, 0.0, 0.0, 0.0],
             Self::Run(kernel) => {
                 let [kernel, n] = kernel.encoded();
@@ -171,8 +186,8 @@ impl Command {
             3 => Self::RollBack,
             4 => Self::Resume { pressure_kpa: a },
             5 => Self::Forget,
-            6 => Self::Collect(Values::ALL[a as usize]),
-            7 => Self::HandOut(Values::ALL[a as usize]),
+            6 => Self::Collect(Values::decoded(a)),
+            7 => Self::HandOut(Values::decoded(a)),
             8 => Self::Volume,
             9 => Self::Run(Kernel::decoded([a, b])),
             10 => Self::KrylovBytes,
@@ -260,7 +275,7 @@ impl OrganRank {
             end_diastole,
             activation_ms,
         } = share;
-        if comm.n_ranks() > 1 && setup.settings.linear != LinearSolver::BlockJacobi {
+        if comm.n_ranks() > 1 && !setup.settings.linear.is_parallel() {
             let (name, value, expected) =
                 ("ranks", comm.n_ranks() as f64, "1 with this linear solver");
             return Err(VentricleError::Parameter {
@@ -471,6 +486,11 @@ impl OrganRank {
         elements.zip(self.speaks_for.iter().copied())
     }
 
+    /// Number of vectors in the solver's memory.
+    pub fn n_memories(&self) -> usize {
+        self.solver.memory().len()
+    }
+
     /// Collects the values of each rank's own nodes and points on rank 0; `None` elsewhere.
     pub fn collect(&self, values: Values) -> Option<Vec<Vec<f64>>> {
         let n_owned = 3 * self.part.layout.n_owned;
@@ -481,7 +501,8 @@ impl OrganRank {
             Values::Velocity => nodes(&motion.v),
             Values::Acceleration => nodes(&motion.a),
             Values::Force => nodes(force),
-            Values::Response => nodes(self.solver.response()),
+            Values::Levels => self.comm().gather(&self.solver.levels()),
+            Values::Memory(k) => nodes(self.solver.memory().get(k).map_or(&[], |v| v)),
             _ => match (values.of_points(), values.of_muscle()) {
                 (Some(k), _) => {
                     let (width, all) = self.contraction.states()[k];
@@ -511,6 +532,10 @@ impl OrganRank {
     /// Receives this rank's values from rank 0, for owned nodes and all points held.
     pub fn take(&mut self, values: Values, parts: Vec<Vec<f64>>) {
         let own = self.comm().scatter(parts);
+        if values == Values::Levels {
+            self.solver.take_levels(&self.dynamics, &own);
+            return;
+        }
         if let Some(k) = values.of_points() {
             *self.contraction.states_mut()[k] = own;
             return;
@@ -528,7 +553,7 @@ impl OrganRank {
             Values::Velocity => motion.v = all,
             Values::Acceleration => motion.a = all,
             Values::Force => *force = all,
-            _ => self.solver.respond_from(&all),
+            _ => self.solver.remember(&all),
         }
     }
 

@@ -86,7 +86,7 @@ impl UnloadingSettings {
         linear
             && matches!(
                 self.newton.linear,
-                LinearSolver::Multigrid | LinearSolver::BlockJacobi
+                LinearSolver::Multigrid | LinearSolver::BlockJacobi | LinearSolver::RigidLevels
             )
     }
 }

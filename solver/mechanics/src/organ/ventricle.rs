@@ -25,8 +25,11 @@ use super::wall::WallParameters;
 use crate::dynamics::Dynamics;
 use crate::step::{Closure, StepError, StepReport, StepSettings};
 
-const KIND: &str = "finite-element 2";
-/// Values of a snapshot after its scalars, in this order; the response to pressure follows if there is one.
+const KIND: &str = "finite-element 3";
+/// Numbers of a snapshot before its values.
+const N_SCALARS: usize = 6;
+/// Values of a snapshot after its scalars, in this order; the vectors of the solver's memory follow, then each rank's levels
+/// with their length.
 const IN_SNAPSHOTS: [Values; 8] = [
     Values::Displacement,
     Values::Velocity,
@@ -350,11 +353,16 @@ impl FiniteElementVentricle {
         out
     }
 
-    fn collected(&self, values: Values) -> Vec<f64> {
+    fn of_each_rank(&self, values: Values) -> Vec<Vec<f64>> {
         self.busy.store(true, Ordering::Relaxed);
         self.rank.tell(Command::Collect(values));
         let of_ranks = self.rank.collect(values).unwrap_or_default();
         self.busy.store(false, Ordering::Relaxed);
+        of_ranks
+    }
+
+    fn collected(&self, values: Values) -> Vec<f64> {
+        let of_ranks = self.of_each_rank(values);
         self.census.merged(values.places(), &of_ranks)
     }
 
@@ -484,6 +492,17 @@ impl From<RankParts<'_>> for Setup {
             settings: parts.settings,
         }
     }
+}
+
+/// The numbers of each rank, each list with its length before it; `None` where lengths and numbers do not agree.
+fn levels_of_ranks(mut rest: &[f64]) -> Option<Vec<Vec<f64>>> {
+    let mut levels = vec![];
+    while let Some((n, others)) = rest.split_first() {
+        let (own, others) = others.split_at_checked(*n as usize)?;
+        levels.push(own.to_vec());
+        rest = others;
+    }
+    Some(levels)
 }
 
 /// Cavity pressure \[kPa\], remaining volume \[mm³\] and the volume's slope for a wall pressure, from the circulation.
@@ -654,9 +673,15 @@ impl Ventricle for FiniteElementVentricle {
             self.cavity_kpa,
             self.rate_kpa_per_ms,
             pressure_kpa,
+            self.rank.n_memories() as f64,
         ];
-        for part in IN_SNAPSHOTS.into_iter().chain([Values::Response]) {
+        let memory = (0..self.rank.n_memories()).map(Values::Memory);
+        for part in IN_SNAPSHOTS.into_iter().chain(memory) {
             values.extend(self.collected(part));
+        }
+        for levels in self.of_each_rank(Values::Levels) {
+            values.push(levels.len() as f64);
+            values.extend(levels);
         }
         VentricleSnapshot {
             kind: KIND.to_owned(),
@@ -675,18 +700,23 @@ impl Ventricle for FiniteElementVentricle {
                 )
             })
             .collect();
-        let expected_values = 5 + parts.iter().map(|(_, n)| n).sum::<usize>();
-        // A solver that has not solved yet stores no start for its next solve.
-        let lengths = [expected_values, expected_values + self.unloaded.len()];
-        if snapshot.kind != KIND || !lengths.contains(&snapshot.values.len()) {
+        let n_memories = snapshot.values.get(5).map_or(0, |n| *n as usize);
+        let expected_values = N_SCALARS
+            + parts.iter().map(|(_, n)| n).sum::<usize>()
+            + n_memories.saturating_mul(self.unloaded.len());
+        let levels = snapshot
+            .values
+            .get(expected_values..)
+            .and_then(levels_of_ranks);
+        let Some(levels) = levels.filter(|_| snapshot.kind == KIND) else {
             return Err(VentricleError::ForeignSnapshot {
                 found: snapshot.kind.clone(),
                 found_values: snapshot.values.len(),
                 expected: KIND,
                 expected_values,
             });
-        }
-        let (scalars, mut rest) = snapshot.values.split_at(5);
+        };
+        let (scalars, mut rest) = snapshot.values.split_at(N_SCALARS);
         self.time_ms = scalars[0];
         self.volume_mm3 = scalars[1];
         self.cavity_kpa = scalars[2];
@@ -701,8 +731,15 @@ impl Ventricle for FiniteElementVentricle {
             rest = others;
             self.hand_out(part, own);
         }
-        if !rest.is_empty() {
-            self.hand_out(Values::Response, rest);
+        let memory = &rest[..n_memories * self.unloaded.len()];
+        for (k, vector) in memory.chunks_exact(self.unloaded.len()).enumerate() {
+            self.hand_out(Values::Memory(k), vector);
+        }
+        // Levels belong to a partition; another number of ranks makes its own.
+        if levels.len() == self.n_ranks() {
+            self.do_with(Command::HandOut(Values::Levels), |rank| {
+                rank.take(Values::Levels, levels);
+            });
         }
         Ok(())
     }

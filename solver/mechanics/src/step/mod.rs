@@ -5,9 +5,10 @@
 //! x − y Δp` the volume is linear, and a bracketed Newton method solves the scalar balance exactly, kinks of the valves
 //! included, so that valves that change state cannot make the iteration cycle.
 
+mod recent;
 mod solver;
 
-use cardiotwin_linalg::parallel::{Communicator, Disagreement, agree};
+use cardiotwin_linalg::parallel::{Communicator, Disagreement, VectorLayout, agree};
 use cardiotwin_linalg::{DirectError, KrylovSettings};
 use cardiotwin_models::circulation::CirculationError;
 use cardiotwin_models::contraction::ContractionError;
@@ -117,6 +118,8 @@ pub struct StepSettings {
     pub foresee_pressures: bool,
     /// Whether a beat's step starts from an extrapolation of motion and pressure rather than from the last step's end.
     pub extrapolate: bool,
+    /// Number of recent steps' corrections whose combination is tried before anything is solved.
+    pub kept_corrections: usize,
     /// Solver of the linear systems.
     pub linear: LinearSolver,
     /// Limits of the Krylov method; its tolerance follows from the residual.
@@ -138,7 +141,8 @@ impl Default for StepSettings {
             farthest_mm: f64::INFINITY,
             foresee_pressures: false,
             extrapolate: true,
-            linear: LinearSolver::BlockJacobi,
+            kept_corrections: 8,
+            linear: LinearSolver::RigidLevels,
             krylov: KrylovSettings::default(),
             keep_until: 12,
         }
@@ -226,8 +230,10 @@ impl From<Disagreement<ContractionError>> for StepError {
     }
 }
 
-/// Loosest relative tolerance of a linear solve.
-const LOOSEST: f64 = 0.1;
+/// Share of Newton's tolerance that a linear solve may leave, and the loosest relative tolerance of a solve.
+const TIME_STEP: [f64; 2] = [0.5, 0.3];
+/// The same for long steps, which are far from linear: a loose solve costs them iterations.
+const LONG_STEP: [f64; 2] = [0.3, 0.1];
 
 /// Takes a step of `dt_ms` from `now`. Newton's method starts at the displacement and pressure of `candidate`
 /// ([`crate::time_integration::GeneralisedAlpha::predict`]), which holds the end on success. Returns the forces at the end.
@@ -279,8 +285,11 @@ pub fn step(
     let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
     let (mut column, mut row) = (vec![], vec![]);
     let mut x = vec![0.0; n];
+    // Displacement that was taken off the prediction, but for the response to pressure, and the residual there.
+    let (mut correction, mut first) = (vec![0.0; n], vec![]);
+    let mut is_foreseen = solver.recent.is_empty() || settings.foresee_pressures;
     // Forces alone cost a fraction of the tangent, which is therefore evaluated only where needed.
-    let mut linearised = !solver.predicted && !settings.foresee_pressures;
+    let mut linearised = !solver.predicted && is_foreseen && !settings.foresee_pressures;
     if linearised {
         solver.linearise(
             dynamics,
@@ -309,6 +318,10 @@ pub fn step(
         if report.relative_residual <= settings.relative_tolerance
             && report.volume_residual_mm3.abs() <= settings.volume_tolerance_mm3
         {
+            if report.iterations > 0 && settings.kept_corrections > 0 {
+                let most = settings.kept_corrections;
+                solver.recent.keep(&correction, &first, &r, most);
+            }
             solver.predicted = report.iterations == 0;
             return Ok((force, report));
         }
@@ -325,6 +338,62 @@ pub fn step(
                 volume_residual_mm3,
             });
         }
+        if first.is_empty() {
+            first.clone_from(&r);
+        }
+        let wanted = settings.relative_tolerance * scale;
+        let start = candidate.motion.u.clone();
+        if !std::mem::replace(&mut is_foreseen, true)
+            && let Some(guess) = solver.recent.guess(space, &r, norm)
+        {
+            correction = guess.correction;
+            let mut change_kpa = 0.0;
+            if left.is_some() && solver.response.len() == n {
+                dynamics.volume_row(candidate, &mut row);
+                let at = (volume, pressure_kpa);
+                let y = &solver.response;
+                change_kpa = pressure_change(space, closure, &row, (&correction, y), at)?;
+                x.iter_mut()
+                    .zip(correction.iter().zip(y))
+                    .for_each(|(x, (c, y))| *x = c + change_kpa * y);
+            } else {
+                x.clone_from(&correction);
+            }
+            candidate.subtract(&start, 1.0, &x);
+            candidate.pressure_kpa = pressure_kpa + change_kpa;
+            let mut is_better = whole(&dynamics.complete(dt_ms, now, candidate));
+            if is_better {
+                agree(
+                    space.comm,
+                    stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
+                )?;
+                linearised = guess.left > wanted;
+                if linearised {
+                    solver.linearise(
+                        dynamics,
+                        dt_ms,
+                        (now, candidate),
+                        (&mut force, &mut r),
+                        settings.linear,
+                    );
+                } else {
+                    dynamics.residual(now, candidate, &mut force, &mut r);
+                }
+                is_better = space.norm(&r) < norm;
+            }
+            if is_better {
+                continue;
+            }
+            correction.fill(0.0);
+            candidate.motion.u.clone_from(&start);
+            candidate.pressure_kpa = pressure_kpa;
+            dynamics.complete(dt_ms, now, candidate);
+            agree(
+                space.comm,
+                stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
+            )?;
+            linearised = false;
+        }
         if settings.foresee_pressures {
             solver.linearise_as_foreseen(dynamics, dt_ms, now, candidate, settings.linear);
         } else if !linearised {
@@ -336,49 +405,43 @@ pub fn step(
                 settings.linear,
             );
         }
-        let wanted = settings.relative_tolerance * scale;
-        let tolerance = (0.3 * wanted / norm).clamp(1e-10, LOOSEST);
+        let [share_left, loosest] = if settings.foresee_pressures {
+            LONG_STEP
+        } else {
+            TIME_STEP
+        };
+        let tolerance = (share_left * wanted / norm).clamp(1e-10, loosest);
         let mut y = std::mem::take(&mut solver.response);
         let mut linear = solver.prepare(dynamics, settings, &mut report)?;
         x.fill(0.0);
         linear.solve(&r, &mut x, tolerance, &mut report)?;
+        let solution = x.clone();
         let mut change_kpa = 0.0;
         if left.is_some() {
             dynamics.volume_row(candidate, &mut row);
-            let along = space.dot(&row, &x);
-            let mut change = |y: &[f64]| -> Result<f64, StepError> {
-                let compliance = -space.dot(&row, y);
-                let solve = |balance: &mut Balance<'_>| {
-                    solve_balance(volume - along, compliance, pressure_kpa, balance)
-                };
-                Ok(closure
-                    .ask(space.comm, solve)?
-                    .map_or(0.0, |found| found - pressure_kpa))
-            };
+            let at = (volume, pressure_kpa);
             let unit = space.norm(&column);
             if y.len() != n {
                 y = vec![0.0; n];
                 linear.solve(&column, &mut y, 0.01, &mut report)?;
             }
-            change_kpa = change(&y)?;
+            change_kpa = pressure_change(space, closure, &row, (&x, &y), at)?;
             // The response changes slowly; its error enters multiplied by the change of pressure, which sets the tolerance.
             let allowed = 0.3 * wanted / change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
             if linear.residual_norm(&column, &mut y) > allowed {
                 linear.solve(
                     &column,
                     &mut y,
-                    (0.5 * allowed / unit).clamp(1e-10, LOOSEST),
+                    (0.5 * allowed / unit).clamp(1e-10, loosest),
                     &mut report,
                 )?;
-                change_kpa = change(&y)?;
+                change_kpa = pressure_change(space, closure, &row, (&x, &y), at)?;
             }
             for (x, y) in x.iter_mut().zip(&y) {
                 *x += change_kpa * y;
             }
         }
         solver.response = y;
-        let start = candidate.motion.u.clone();
-        let start_kpa = candidate.pressure_kpa;
         let mut share = 1.0;
         if settings.farthest_mm.is_finite() {
             let lengths = x
@@ -394,10 +457,8 @@ pub fn step(
             .foresee_pressures
             .then(|| candidate.deformation.clone());
         for halving in 0.. {
-            for k in 0..n {
-                candidate.motion.u[k] = start[k] - share * x[k];
-            }
-            candidate.pressure_kpa = start_kpa + share * change_kpa;
+            candidate.subtract(&start, share, &x);
+            candidate.pressure_kpa = pressure_kpa + share * change_kpa;
             let smallest = dynamics.complete(dt_ms, now, candidate);
             if whole(&smallest) {
                 agree(
@@ -423,12 +484,34 @@ pub fn step(
             }
             share *= 0.5;
         }
+        for (to, x) in correction.iter_mut().zip(&solution) {
+            *to += share * x;
+        }
         if let Some(before) = before {
             solver.foresee(space, &before, share, &mut x);
         }
         report.iterations += 1;
         linearised = false;
     }
+}
+
+/// Change of the pressure after which cavity and circulation agree along `u − x − y Δp`; zero for a prescribed pressure.
+/// Collective.
+///
+/// - `row`: derivative of the cavity's volume with respect to the displacement
+/// - `volume`, `pressure_kpa`: at `u`
+fn pressure_change(
+    space: VectorLayout<'_>,
+    closure: &mut Closure<'_>,
+    row: &[f64],
+    (x, y): (&[f64], &[f64]),
+    (volume, pressure_kpa): (f64, f64),
+) -> Result<f64, StepError> {
+    let [along, response] = space.dots([(row, x), (row, y)]);
+    let found = closure.ask(space.comm, |balance| {
+        solve_balance(volume - along, -response, pressure_kpa, balance)
+    })?;
+    Ok(found.map_or(0.0, |found| found - pressure_kpa))
 }
 
 /// Pressure at which the cavity's volume, `volume + compliance · (p − start)`, equals the volume that the circulation leaves.

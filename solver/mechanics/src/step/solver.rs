@@ -3,9 +3,10 @@
 use cardiotwin_linalg::parallel::VectorLayout;
 use cardiotwin_linalg::{
     BlockJacobi, CondensedMatrix, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
-    Operator, Preconditioner, SymmetricSweep, conjugate_gradients, gmres,
+    Operator, Preconditioner, RigidLevels, SymmetricSweep, WithLevels, conjugate_gradients, gmres,
 };
 
+use super::recent::Recent;
 use super::{StepError, StepReport, StepSettings};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
@@ -16,12 +17,24 @@ use crate::newton::LinearSolver;
 /// Newton's.
 const LOOSE: f64 = 1e-2;
 
+/// Systems for which the levels of rigid motions are kept, since the tangent changes slowly.
+const LEVELS_SERVE: u32 = 64;
+
+/// Levels of rigid motions, with the time step of their matrix and the number of systems that they have served.
+#[derive(Debug)]
+struct KeptLevels {
+    levels: RigidLevels,
+    dt_ms: f64,
+    served: u32,
+}
+
 /// Matrices and vectors kept between steps.
 #[derive(Debug)]
 pub struct Solver {
     matrix: Option<Matrix>,
     direct: Option<Direct>,
     multigrid: Option<Multigrid>,
+    levels: Option<KeptLevels>,
     /// Nodal pressures at which the tangent is taken, if they are predicted.
     foreseen_kpa: Vec<f64>,
     /// Whether the kept factorisation or set-up took too many iterations.
@@ -30,6 +43,8 @@ pub struct Solver {
     pub(super) response: Vec<f64>,
     /// Whether the last step converged at its prediction, as the next one then may, too.
     pub(super) predicted: bool,
+    /// Corrections of the last steps.
+    pub(super) recent: Recent,
 }
 
 /// The tangent, in the storage of its linear solver.
@@ -42,7 +57,7 @@ enum Matrix {
 impl Matrix {
     fn new(dynamics: &Dynamics, linear: LinearSolver) -> Self {
         let packed = match linear {
-            LinearSolver::BlockJacobi | LinearSolver::Multigrid => {
+            LinearSolver::BlockJacobi | LinearSolver::RigidLevels | LinearSolver::Multigrid => {
                 dynamics.body.new_packed_tangent()
             }
             LinearSolver::Direct | LinearSolver::SymmetricSweep => None,
@@ -74,23 +89,57 @@ impl Solver {
             matrix: None,
             direct: None,
             multigrid: None,
+            levels: None,
             foreseen_kpa: vec![],
             stale: true,
             response: vec![],
             predicted: false,
+            recent: Recent::default(),
         }
     }
 
-    /// Start of the next solve for the response to pressure; empty before the first one.
+    /// The solver's memory, vectors of three numbers a node: the response to pressure, if there is one, then the recent
+    /// corrections.
     #[must_use]
-    pub fn response(&self) -> &[f64] {
-        &self.response
+    pub fn memory(&self) -> Vec<Vec<f64>> {
+        let double = |v: &[f32]| v.iter().map(|x| f64::from(*x)).collect();
+        let response = (!self.response.is_empty()).then(|| self.response.clone());
+        response
+            .into_iter()
+            .chain(self.recent.vectors().map(double))
+            .collect()
     }
 
-    /// Sets the start of the next solve for the response to pressure; an empty slice starts it at zero.
-    pub fn respond_from(&mut self, response: &[f64]) {
-        self.response.clear();
-        self.response.extend_from_slice(response);
+    /// Appends a vector of another solver's [`Self::memory`] to this one's, which is empty at first.
+    pub fn remember(&mut self, vector: &[f64]) {
+        if self.response.is_empty() {
+            self.response.extend_from_slice(vector);
+        } else {
+            self.recent.restore(vector);
+        }
+    }
+
+    /// This rank's levels of rigid motions in numbers, with their use; empty without levels.
+    #[must_use]
+    pub fn levels(&self) -> Vec<f64> {
+        let kept = self.levels.iter();
+        kept.flat_map(|kept| {
+            let mut numbers = vec![kept.dt_ms, f64::from(kept.served)];
+            numbers.extend(kept.levels.numbers());
+            numbers
+        })
+        .collect()
+    }
+
+    /// Takes over [`Self::levels`] of a solver for the same part of the same body; other numbers are ignored. Collective.
+    pub fn take_levels(&mut self, dynamics: &Dynamics, numbers: &[f64]) {
+        let (head, rest) = numbers.split_at(numbers.len().min(2));
+        let levels = RigidLevels::from_numbers(dynamics.space(), dynamics.body.reference(), rest);
+        self.levels = levels.filter(|_| head.len() == 2).map(|levels| KeptLevels {
+            levels,
+            dt_ms: head[0],
+            served: head[1] as u32,
+        });
     }
 
     /// Takes over the factorisation of another solver for a body with the same elements.
@@ -104,7 +153,9 @@ impl Solver {
     pub fn forget(&mut self) {
         self.stale = true;
         self.predicted = false;
+        self.levels = None;
         self.response.clear();
+        self.recent.clear();
     }
 
     /// Evaluates residual and tangent at a complete candidate.
@@ -121,20 +172,36 @@ impl Solver {
             .get_or_insert_with(|| Matrix::new(dynamics, linear))
             .assembled();
         dynamics.linearise(dt_ms, now, candidate, force, r, tangent);
-        if linear == LinearSolver::Multigrid && (self.stale || self.multigrid.is_none()) {
-            let positions: Vec<f64> = dynamics
-                .body
-                .reference()
-                .iter()
+        let positions = || -> Vec<f64> {
+            let reference = dynamics.body.reference().iter();
+            reference
                 .zip(&candidate.motion.u)
                 .map(|(x, u)| x + u)
-                .collect();
+                .collect()
+        };
+        if linear == LinearSolver::RigidLevels
+            && let Some(entries) = tangent.entries()
+        {
+            let serves = |kept: &&mut KeptLevels| kept.dt_ms == dt_ms && kept.served < LEVELS_SERVE;
+            match self.levels.as_mut().filter(serves) {
+                Some(kept) => kept.served += 1,
+                None => {
+                    let (space, reference) = (dynamics.space(), dynamics.body.reference());
+                    self.levels = Some(KeptLevels {
+                        levels: RigidLevels::new(space, entries, reference, &positions()),
+                        dt_ms,
+                        served: 1,
+                    });
+                }
+            }
+        }
+        if linear == LinearSolver::Multigrid && (self.stale || self.multigrid.is_none()) {
             let (pattern, block) = (tangent.pattern(), |slot| tangent.stiffness_block(slot));
             self.multigrid = Some(Multigrid::new(
                 dynamics.space(),
                 pattern,
                 &block,
-                &positions,
+                &positions(),
             ));
             self.stale = false;
         }
@@ -252,7 +319,14 @@ impl Solver {
                 (tangent, By::Sweep(SymmetricSweep::new(tangent)))
             }
             Matrix::Full(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
-            Matrix::Packed(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
+            Matrix::Packed(tangent) => {
+                let jacobi = BlockJacobi::new(tangent);
+                let by = match &self.levels {
+                    Some(KeptLevels { levels, .. }) => By::Levels(WithLevels { jacobi, levels }),
+                    None => By::Jacobi(jacobi),
+                };
+                (tangent, by)
+            }
         };
         Ok(Linear {
             dynamics,
@@ -281,6 +355,7 @@ enum By<'a> {
     Direct(Kept<'a>, &'a CondensedMatrix),
     Multigrid(&'a Multigrid, &'a mut bool),
     Jacobi(BlockJacobi),
+    Levels(WithLevels<'a>),
     Sweep(SymmetricSweep<'a>),
 }
 
@@ -309,6 +384,7 @@ impl Linear<'_> {
         };
         match &mut self.by {
             By::Jacobi(m) => krylov(space, self.operator, m, b, x, &limits, report),
+            By::Levels(m) => krylov(space, self.operator, m, b, x, &limits, report),
             By::Sweep(m) => krylov(space, self.operator, m, b, x, &limits, report),
             By::Multigrid(levels, stale) => {
                 let short = KrylovSettings {
@@ -387,7 +463,7 @@ fn krylov(
         done = gmres(space, operator, preconditioner, b, x, limits);
         report.krylov_iterations += done.iterations;
     }
-    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.1)) {
+    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.5)) {
         let (iterations, relative_residual) = (done.iterations, done.relative_residual);
         return Err(StepError::Linear {
             iterations,

@@ -8,7 +8,6 @@ use std::path::Path;
 use std::time::Instant;
 
 use cardiotwin_linalg::parallel::ThreadSettings;
-use cardiotwin_mechanics::newton::LinearSolver;
 use cardiotwin_mechanics::organ::{
     ElementKind, FiniteElementVentricle, RankParts, VentricleParts, VentricleWork,
 };
@@ -378,7 +377,7 @@ fn write(file: &Path, bytes: &[u8]) -> io::Result<()> {
 
 /// Whether several ranks can share a beat with these elements and equations.
 fn is_shared(kind: ElementKind, equations: &EquationSettings) -> bool {
-    !kind.quadratic && wall::linear_solver(equations.linear_solver) == LinearSolver::BlockJacobi
+    !kind.quadratic && equations.linear_solver.is_parallel()
 }
 
 /// Ventricle and circulation of a specification with its effects, at the beginning of the beat.
