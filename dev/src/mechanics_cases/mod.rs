@@ -336,6 +336,7 @@ mod tests {
         file.element = toml::from_str("kind = \"quadratic-nodal\"").unwrap();
         file.solver.relative_tolerance = equations.tolerance;
         file.solver.max_iterations = 20;
+        file.solver.linear = equations.linear_solver;
         let method = Method::of(Path::new("0a.toml"), &file, false).unwrap();
         assert_eq!(method.element, ElementKind::QUADRATIC_NODAL);
         assert_eq!(
