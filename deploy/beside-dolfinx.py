@@ -104,10 +104,10 @@ def mesh(nodes: int):
     surfaces = {name: triangles[which] for name, which in on.items()}
     assert sum(len(t) for t in surfaces.values()) == len(triangles)
     # The area vectors point out of the wall.
-    third = {frozenset(f): e for e, tet in enumerate(tets) for f in (tet[[0, 1, 2]], tet[[0, 1, 3]], tet[[0, 2, 3]], tet[[1, 2, 3]])}
+    behind = {frozenset(f): e for e, tet in enumerate(tets) for f in (tet[[0, 1, 2]], tet[[0, 1, 3]], tet[[0, 2, 3]], tet[[1, 2, 3]])}
     for name, facets in surfaces.items():
         for f in facets:
-            inside = points[tets[third[frozenset(f)]]].mean(axis=0)
+            inside = points[tets[behind[frozenset(f)]]].mean(axis=0)
             normal = np.cross(points[f[1]] - points[f[0]], points[f[2]] - points[f[0]])
             if normal @ (points[f].mean(axis=0) - inside) < 0:
                 f[[1, 2]] = f[[2, 1]]

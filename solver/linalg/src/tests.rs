@@ -130,6 +130,27 @@ fn every_solver_finds_the_same_solution() {
     }
 }
 
+/// Number of iterations of conjugate gradients, and their solution, whose residual is checked.
+fn converged(
+    space: VectorLayout<'_>,
+    a: &CondensedMatrix,
+    m: &dyn Preconditioner,
+    b: &[f64],
+    relative_tolerance: f64,
+) -> (usize, Vec<f64>) {
+    let settings = KrylovSettings {
+        relative_tolerance,
+        ..KrylovSettings::default()
+    };
+    let (mut x, mut r) = (vec![0.0; b.len()], vec![0.0; b.len()]);
+    let report = conjugate_gradients(space, a, m, b, &mut x, &settings);
+    assert_eq!(report.ending, KrylovEnding::Converged, "{report:?}");
+    a.multiply(space, &mut x, &mut r);
+    r.iter_mut().zip(b).for_each(|(r, b)| *r -= b);
+    assert!(space.norm(&r) < 2.0 * relative_tolerance * space.norm(b));
+    (report.iterations, x)
+}
+
 #[test]
 fn multigrid_needs_few_iterations_whatever_the_size() {
     let mut counts = vec![];
@@ -142,10 +163,6 @@ fn multigrid_needs_few_iterations_whatever_the_size() {
             layout: &layout,
         };
         let b = right_hand_side(3 * n * n * n);
-        let settings = KrylovSettings {
-            relative_tolerance: 1e-6,
-            ..KrylovSettings::default()
-        };
         let multigrid = Multigrid::new(
             space,
             &a.stiffness.pattern,
@@ -158,16 +175,7 @@ fn multigrid_needs_few_iterations_whatever_the_size() {
             multigrid.sizes()
         );
         let jacobi = BlockJacobi::new(&a);
-        let of = |m: &dyn Preconditioner| {
-            let mut x = vec![0.0; b.len()];
-            let report = conjugate_gradients(space, &a, m, &b, &mut x, &settings);
-            assert_eq!(report.ending, KrylovEnding::Converged, "{report:?}");
-            let mut r = vec![0.0; b.len()];
-            a.multiply(space, &mut x, &mut r);
-            r.iter_mut().zip(&b).for_each(|(r, b)| *r -= b);
-            assert!(space.norm(&r) < 2e-6 * space.norm(&b));
-            report.iterations
-        };
+        let of = |m: &dyn Preconditioner| converged(space, &a, m, &b, 1e-6).0;
         counts.push([of(&multigrid), of(&jacobi)]);
     }
     assert!(
@@ -212,10 +220,6 @@ fn rigid_levels_save_most_iterations_and_survive_a_copy_in_numbers() {
         layout: &layout,
     };
     let b = right_hand_side(3 * n * n * n);
-    let settings = KrylovSettings {
-        relative_tolerance: 1e-8,
-        ..KrylovSettings::default()
-    };
     let levels = RigidLevels::new(space, &a, &points, &points);
     let numbers = levels.numbers();
     let copy = RigidLevels::from_numbers(space, &points, &numbers);
@@ -224,12 +228,7 @@ fn rigid_levels_save_most_iterations_and_survive_a_copy_in_numbers() {
         RigidLevels::from_numbers(space, &points, &numbers[..100]),
         None
     );
-    let solved = |m: &dyn Preconditioner| {
-        let mut x = vec![0.0; b.len()];
-        let report = conjugate_gradients(space, &a, m, &b, &mut x, &settings);
-        assert_eq!(report.ending, KrylovEnding::Converged, "{report:?}");
-        (report.iterations, x)
-    };
+    let solved = |m: &dyn Preconditioner| converged(space, &a, m, &b, 1e-8);
     let jacobi = BlockJacobi::new(&a);
     let (many, x) = solved(&jacobi);
     let levels = &levels;

@@ -134,7 +134,7 @@ impl Candidate {
 }
 
 /// `to += k from`.
-fn add_times(k: f64, from: &[f64], to: &mut [f64]) {
+pub(crate) fn add_times(k: f64, from: &[f64], to: &mut [f64]) {
     to.iter_mut()
         .zip(from)
         .for_each(|(to, from)| *to += k * from);

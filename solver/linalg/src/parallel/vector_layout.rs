@@ -33,17 +33,22 @@ impl VectorLayout<'_> {
     /// Scalar product over all ranks. Collective.
     #[must_use]
     pub fn dot(&self, a: &[f64], b: &[f64]) -> f64 {
-        let n = self.n_owned();
-        let mut sum = [dot(&a[..n], &b[..n])];
+        let mut sum = [self.own_dot(a, b)];
         self.comm.sum(&mut sum);
         sum[0]
+    }
+
+    /// This rank's part of a scalar product, in double precision.
+    #[must_use]
+    pub fn own_dot<A: Copy + Into<f64>, B: Copy + Into<f64>>(&self, a: &[A], b: &[B]) -> f64 {
+        let n = self.n_owned();
+        dot(&a[..n], &b[..n])
     }
 
     /// Several scalar products over all ranks in one reduction. Collective.
     #[must_use]
     pub fn dots<const N: usize>(&self, pairs: [(&[f64], &[f64]); N]) -> [f64; N] {
-        let n = self.n_owned();
-        let mut sums = pairs.map(|(a, b)| dot(&a[..n], &b[..n]));
+        let mut sums = pairs.map(|(a, b)| self.own_dot(a, b));
         self.comm.sum(&mut sums);
         sums
     }
@@ -61,17 +66,17 @@ impl VectorLayout<'_> {
 }
 
 /// Scalar product with eight partial sums, whose fixed order of summation can be vectorised.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+fn dot<A: Copy + Into<f64>, B: Copy + Into<f64>>(a: &[A], b: &[B]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();
     let (b8, b_rest) = b.as_chunks::<8>();
     let mut sums = [0.0; 8];
     for (x, y) in a8.iter().zip(b8) {
         for k in 0..8 {
-            sums[k] += x[k] * y[k];
+            sums[k] += x[k].into() * y[k].into();
         }
     }
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
-    sums.iter().sum::<f64>() + rest
+    let rest = a_rest.iter().zip(b_rest);
+    sums.iter().sum::<f64>() + rest.map(|(x, y)| (*x).into() * (*y).into()).sum::<f64>()
 }
 
 #[cfg(test)]

@@ -124,8 +124,7 @@ impl Entries for PackedTangent {
     }
 
     fn stiffness(&self, slot: usize) -> [[f64; 3]; 3] {
-        let PackedBlock(b) = &self.blocks[slot];
-        std::array::from_fn(|i| std::array::from_fn(|j| f64::from(b[j][i])))
+        self.stiffness_block(slot).map(|row| row.map(f64::from))
     }
 
     fn volume_of_row(&self, slot: usize) -> [f64; 3] {

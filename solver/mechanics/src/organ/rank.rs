@@ -488,7 +488,7 @@ impl OrganRank {
 
     /// Number of vectors in the solver's memory.
     pub fn n_memories(&self) -> usize {
-        self.solver.memory().len()
+        self.solver.n_memories()
     }
 
     /// Collects the values of each rank's own nodes and points on rank 0; `None` elsewhere.
@@ -502,7 +502,7 @@ impl OrganRank {
             Values::Acceleration => nodes(&motion.a),
             Values::Force => nodes(force),
             Values::Levels => self.comm().gather(&self.solver.levels()),
-            Values::Memory(k) => nodes(self.solver.memory().get(k).map_or(&[], |v| v)),
+            Values::Memory(k) => nodes(&self.solver.memory(k)),
             _ => match (values.of_points(), values.of_muscle()) {
                 (Some(k), _) => {
                     let (width, all) = self.contraction.states()[k];

@@ -41,6 +41,8 @@ impl Default for UnloadingSettings {
             largest_growth: 100.0,
             max_halvings: 8,
             foresee_pressures: true,
+            // Load steps are no steps of a motion: their corrections do not repeat.
+            kept_corrections: 0,
             // A factorisation costs as much as about a hundred solves with it.
             keep_until: 25,
             ..StepSettings::default()
@@ -83,11 +85,8 @@ impl UnloadingSettings {
     #[must_use]
     pub fn are_for_ranks(&self, anatomy: &Anatomy) -> bool {
         let linear = anatomy.nodes.len() == anatomy.n_vertices;
-        linear
-            && matches!(
-                self.newton.linear,
-                LinearSolver::Multigrid | LinearSolver::BlockJacobi | LinearSolver::RigidLevels
-            )
+        let solver = self.newton.linear;
+        linear && (solver == LinearSolver::Multigrid || solver.is_parallel())
     }
 }
 

@@ -14,7 +14,7 @@ use cardiotwin_models::circulation::CirculationError;
 use cardiotwin_models::contraction::ContractionError;
 
 use crate::body::Deformation;
-use crate::dynamics::{Candidate, Dynamics, State};
+use crate::dynamics::{Candidate, Dynamics, State, add_times};
 use crate::element::kernel::ActivePoint;
 use crate::newton::{LinearSolver, Smallest};
 pub use solver::Solver;
@@ -230,12 +230,10 @@ impl From<Disagreement<ContractionError>> for StepError {
     }
 }
 
-/// Share of Newton's tolerance that a linear solve may leave, and the loosest relative tolerance of a solve.
-const TIME_STEP: [f64; 2] = [0.3, 0.1];
-/// The same for long steps, which are far from linear: a loose solve costs them iterations.
-const LONG_STEP: [f64; 2] = [0.3, 0.1];
-/// Share of Newton's tolerance within which a guess is taken without a solve.
-const GUESSED: f64 = 0.3;
+/// Loosest relative tolerance of a linear solve.
+const LOOSEST: f64 = 0.1;
+/// Share of Newton's tolerance that a linear solve, or a guess without a solve, may leave: more would add up from step to step.
+const LEFT: f64 = 0.3;
 
 /// Takes a step of `dt_ms` from `now`. Newton's method starts at the displacement and pressure of `candidate`
 /// ([`crate::time_integration::GeneralisedAlpha::predict`]), which holds the end on success. Returns the forces at the end.
@@ -280,27 +278,30 @@ pub fn step(
             });
         }
     }
-    agree(
-        space.comm,
-        stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
-    )?;
+    let mut evaluate_stress = |candidate: &mut Candidate| {
+        let Candidate {
+            deformation,
+            active,
+            ..
+        } = candidate;
+        agree(space.comm, stress.evaluate(dt_ms, deformation, active))
+    };
+    evaluate_stress(candidate)?;
+    let linearise =
+        |solver: &mut Solver, candidate: &Candidate, force: &mut [f64], r: &mut [f64]| {
+            let state = (now, candidate);
+            solver.linearise(dynamics, dt_ms, state, (force, r), settings.linear);
+        };
     let (mut force, mut r) = (vec![0.0; n], vec![0.0; n]);
     let (mut column, mut row) = (vec![], vec![]);
     let mut x = vec![0.0; n];
     // Displacement that was taken off the prediction, but for the response to pressure, and the residual there.
     let (mut correction, mut first) = (vec![0.0; n], vec![]);
-    let mut is_guessed = false;
-    let mut is_foreseen = solver.recent.is_empty() || settings.foresee_pressures;
+    let (mut may_guess, mut is_guessed) = (!solver.recent.is_empty(), false);
     // Forces alone cost a fraction of the tangent, which is therefore evaluated only where needed.
-    let mut linearised = !solver.predicted && is_foreseen && !settings.foresee_pressures;
+    let mut linearised = !(solver.predicted || may_guess || settings.foresee_pressures);
     if linearised {
-        solver.linearise(
-            dynamics,
-            dt_ms,
-            (now, candidate),
-            (&mut force, &mut r),
-            settings.linear,
-        );
+        linearise(solver, candidate, &mut force, &mut r);
     } else {
         dynamics.residual(now, candidate, &mut force, &mut r);
     }
@@ -318,12 +319,8 @@ pub fn step(
                 what: "the residual",
             });
         }
-        // A guess alone must leave as little as a solve would, or its errors add up from step to step.
-        let share = if is_guessed && report.iterations == 0 {
-            GUESSED
-        } else {
-            1.0
-        };
+        let is_unsolved = is_guessed && report.iterations == 0;
+        let share = if is_unsolved { LEFT } else { 1.0 };
         if report.relative_residual <= share * settings.relative_tolerance
             && report.volume_residual_mm3.abs() <= settings.volume_tolerance_mm3
         {
@@ -352,75 +349,46 @@ pub fn step(
         }
         let wanted = settings.relative_tolerance * scale;
         let start = candidate.motion.u.clone();
-        if !std::mem::replace(&mut is_foreseen, true)
+        if std::mem::take(&mut may_guess)
             && let Some(guess) = solver.recent.guess(space, &r, norm)
         {
-            correction = guess.correction;
+            x.clone_from(&guess.correction);
             let mut change_kpa = 0.0;
             if left.is_some() && solver.response.len() == n {
                 dynamics.volume_row(candidate, &mut row);
-                let at = (volume, pressure_kpa);
                 let y = &solver.response;
-                change_kpa = pressure_change(space, closure, &row, (&correction, y), at)?;
-                x.iter_mut()
-                    .zip(correction.iter().zip(y))
-                    .for_each(|(x, (c, y))| *x = c + change_kpa * y);
-            } else {
-                x.clone_from(&correction);
+                change_kpa =
+                    pressure_change(space, closure, &row, (&x, y), (volume, pressure_kpa))?;
+                add_times(change_kpa, y, &mut x);
             }
             candidate.subtract(&start, 1.0, &x);
             candidate.pressure_kpa = pressure_kpa + change_kpa;
-            let mut is_better = whole(&dynamics.complete(dt_ms, now, candidate));
-            if is_better {
-                agree(
-                    space.comm,
-                    stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
-                )?;
-                linearised = guess.left > GUESSED * wanted;
+            if whole(&dynamics.complete(dt_ms, now, candidate)) {
+                evaluate_stress(candidate)?;
+                linearised = guess.left > LEFT * wanted;
                 if linearised {
-                    solver.linearise(
-                        dynamics,
-                        dt_ms,
-                        (now, candidate),
-                        (&mut force, &mut r),
-                        settings.linear,
-                    );
+                    linearise(solver, candidate, &mut force, &mut r);
                 } else {
                     dynamics.residual(now, candidate, &mut force, &mut r);
                 }
-                is_better = space.norm(&r) < norm;
+                if space.norm(&r) < norm {
+                    correction = guess.correction;
+                    is_guessed = true;
+                    continue;
+                }
             }
-            if is_better {
-                is_guessed = true;
-                continue;
-            }
-            correction.fill(0.0);
             candidate.motion.u.clone_from(&start);
             candidate.pressure_kpa = pressure_kpa;
             dynamics.complete(dt_ms, now, candidate);
-            agree(
-                space.comm,
-                stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
-            )?;
+            evaluate_stress(candidate)?;
             linearised = false;
         }
         if settings.foresee_pressures {
             solver.linearise_as_foreseen(dynamics, dt_ms, now, candidate, settings.linear);
         } else if !linearised {
-            solver.linearise(
-                dynamics,
-                dt_ms,
-                (now, candidate),
-                (&mut force, &mut r),
-                settings.linear,
-            );
+            linearise(solver, candidate, &mut force, &mut r);
         }
-        let [share_left, loosest] = if settings.foresee_pressures {
-            LONG_STEP
-        } else {
-            TIME_STEP
-        };
-        let tolerance = (share_left * wanted / norm).clamp(1e-10, loosest);
+        let tolerance = (LEFT * wanted / norm).clamp(1e-10, LOOSEST);
         let mut y = std::mem::take(&mut solver.response);
         let mut linear = solver.prepare(dynamics, settings, &mut report)?;
         x.fill(0.0);
@@ -437,19 +405,17 @@ pub fn step(
             }
             change_kpa = pressure_change(space, closure, &row, (&x, &y), at)?;
             // The response changes slowly; its error enters multiplied by the change of pressure, which sets the tolerance.
-            let allowed = 0.3 * wanted / change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
+            let allowed = LEFT * wanted / change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
             if linear.residual_norm(&column, &mut y) > allowed {
                 linear.solve(
                     &column,
                     &mut y,
-                    (0.5 * allowed / unit).clamp(1e-10, loosest),
+                    (0.5 * allowed / unit).clamp(1e-10, LOOSEST),
                     &mut report,
                 )?;
                 change_kpa = pressure_change(space, closure, &row, (&x, &y), at)?;
             }
-            for (x, y) in x.iter_mut().zip(&y) {
-                *x += change_kpa * y;
-            }
+            add_times(change_kpa, &y, &mut x);
         }
         solver.response = y;
         let mut share = 1.0;
@@ -471,10 +437,7 @@ pub fn step(
             candidate.pressure_kpa = pressure_kpa + share * change_kpa;
             let smallest = dynamics.complete(dt_ms, now, candidate);
             if whole(&smallest) {
-                agree(
-                    space.comm,
-                    stress.evaluate(dt_ms, &candidate.deformation, &mut candidate.active),
-                )?;
+                evaluate_stress(candidate)?;
                 dynamics.residual(now, candidate, &mut force, &mut r);
                 let bounded = settings.largest_growth == f64::INFINITY
                     || space.norm(&r) <= settings.largest_growth * norm.max(wanted)
@@ -494,9 +457,7 @@ pub fn step(
             }
             share *= 0.5;
         }
-        for (to, x) in correction.iter_mut().zip(&solution) {
-            *to += share * x;
-        }
+        add_times(share, &solution, &mut correction);
         if let Some(before) = before {
             solver.foresee(space, &before, share, &mut x);
         }

@@ -79,15 +79,13 @@ impl Recent {
 
     /// The combination that removes most of the residual `r`; `None` where it would leave most of it. Collective.
     pub fn guess(&self, space: VectorLayout<'_>, r: &[f64], norm: f64) -> Option<Guess> {
-        let (m, n) = (self.0.len(), space.n_owned());
+        let m = self.0.len();
         let mut sums = vec![0.0; m * (m + 1)];
         for (i, pair) in self.0.iter().enumerate() {
             for (j, other) in self.0.iter().take(i + 1).enumerate() {
-                sums[i * m + j] = dot(&pair.reduction[..n], &other.reduction[..n], |x| {
-                    f64::from(*x)
-                });
+                sums[i * m + j] = space.own_dot(&pair.reduction, &other.reduction);
             }
-            sums[m * m + i] = dot(&pair.reduction[..n], &r[..n], |x| *x);
+            sums[m * m + i] = space.own_dot(&pair.reduction, r);
         }
         space.comm.sum(&mut sums);
         let size: Vec<f64> = (0..m)
@@ -113,20 +111,6 @@ impl Recent {
         }
         Some(Guess { correction, left })
     }
-}
-
-/// Scalar product in double precision, with eight partial sums.
-fn dot<T>(a: &[f32], b: &[T], double: impl Fn(&T) -> f64) -> f64 {
-    let (a8, a_rest) = a.as_chunks::<8>();
-    let (b8, b_rest) = b.as_chunks::<8>();
-    let mut sums = [0.0; 8];
-    for (x, y) in a8.iter().zip(b8) {
-        for k in 0..8 {
-            sums[k] += f64::from(x[k]) * double(&y[k]);
-        }
-    }
-    let rest = a_rest.iter().zip(b_rest);
-    sums.iter().sum::<f64>() + rest.map(|(x, y)| f64::from(*x) * double(y)).sum::<f64>()
 }
 
 #[cfg(test)]

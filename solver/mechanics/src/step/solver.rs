@@ -98,19 +98,25 @@ impl Solver {
         }
     }
 
-    /// The solver's memory, vectors of three numbers a node: the response to pressure, if there is one, then the recent
-    /// corrections.
+    /// Number of vectors in the solver's memory.
     #[must_use]
-    pub fn memory(&self) -> Vec<Vec<f64>> {
-        let double = |v: &[f32]| v.iter().map(|x| f64::from(*x)).collect();
-        let response = (!self.response.is_empty()).then(|| self.response.clone());
-        response
-            .into_iter()
-            .chain(self.recent.vectors().map(double))
-            .collect()
+    pub fn n_memories(&self) -> usize {
+        usize::from(!self.response.is_empty()) + self.recent.vectors().count()
     }
 
-    /// Appends a vector of another solver's [`Self::memory`] to this one's, which is empty at first.
+    /// A vector of the solver's memory, three numbers a node: the response to pressure, if there is one, then the recent
+    /// corrections. Empty beyond the last one.
+    #[must_use]
+    pub fn memory(&self, k: usize) -> Vec<f64> {
+        let n_responses = usize::from(!self.response.is_empty());
+        if k < n_responses {
+            return self.response.clone();
+        }
+        let vector = self.recent.vectors().nth(k - n_responses);
+        vector.map_or_else(Vec::new, |v| v.iter().map(|x| f64::from(*x)).collect())
+    }
+
+    /// Appends the next vector of another solver's [`Self::memory`] to this one's, which is empty at first.
     pub fn remember(&mut self, vector: &[f64]) {
         if self.response.is_empty() {
             self.response.extend_from_slice(vector);
@@ -463,7 +469,7 @@ fn krylov(
         done = gmres(space, operator, preconditioner, b, x, limits);
         report.krylov_iterations += done.iterations;
     }
-    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.5)) {
+    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.1)) {
         let (iterations, relative_residual) = (done.iterations, done.relative_residual);
         return Err(StepError::Linear {
             iterations,
