@@ -85,7 +85,7 @@ impl TaskSpec {
             Self::Step1Proposal(_) => 6,
             Self::OrganBeat(_) => 8,
             Self::CellFit(_) => 6,
-            Self::Step3Proposal(_) => 5,
+            Self::Step3Proposal(_) => 6,
             Self::Targets(_) | Self::CellSweep(_) => 3,
             Self::Posterior(_) => 2,
             Self::Noop(_) => 1,

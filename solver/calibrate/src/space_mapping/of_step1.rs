@@ -27,6 +27,7 @@ const EFFORT: Effort = Effort::Gradients {
 const NEARNESS: Nearness = Nearness {
     at_first: 0.05,
     of_best: 0.005,
+    of_doubt: 0.0,
 };
 
 /// A simulation of step 1.

@@ -48,6 +48,9 @@ pub struct Nearness {
     pub at_first: f64,
     /// Weight of the distance from the best run.
     pub of_best: f64,
+    /// Share that counts of the misfit that the correction's error is expected to add, from the second
+    /// run on.
+    pub of_doubt: f64,
 }
 
 /// Input of a proposal. A point holds the logarithms of the magnitudes of the moving parameters.
@@ -163,6 +166,36 @@ fn shifted(residuals: &[f64], shift: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+/// Point that a search is held near.
+struct Near<'a> {
+    x: &'a [f64],
+    /// Weight of the squared distance.
+    weight: f64,
+    /// Misfit that the correction's error adds per distance ([`doubt`]).
+    doubt: f64,
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b));
+    squares.sum::<f64>().sqrt()
+}
+
+/// Misfit that the correction's error is expected to add per distance from the base: the squared change
+/// of the models' gap from the base to another run over their distance, the mean over the other runs; 0
+/// without one. The gap is taken for a random walk, whose variance grows with the distance, because both
+/// models are rough in the parameters.
+fn doubt(gaps: &[(&[f64], Vec<f64>)], base: usize) -> f64 {
+    let (x, gap) = &gaps[base];
+    let others = gaps.iter().enumerate().filter(|(i, _)| *i != base);
+    let rates: Vec<f64> = others
+        .filter(|(_, (_, other))| other.len() == gap.len())
+        .map(|(_, (at, other))| (distance(at, x), distance(other, gap)))
+        .filter(|(moved, _)| *moved > 0.0)
+        .map(|(moved, changed)| changed * changed / moved)
+        .collect();
+    rates.iter().sum::<f64>() / rates.len().max(1) as f64
+}
+
 fn sum_of_squares(residuals: &[f64]) -> f64 {
     residuals.iter().map(|r| r * r).sum()
 }
@@ -196,6 +229,23 @@ impl<'a> Search<'a> {
                 1.0 / (1.0 + (ratio.ln() / self.problem.reach[j]).powi(2))
             })
         })
+    }
+
+    /// Residuals of a run less those of the cheap model there; empty if either lacks its beat.
+    fn gap(&self, run: &Run, trial: &Trial) -> Vec<f64> {
+        let Problem {
+            measured, weights, ..
+        } = self.problem;
+        let all = |outcome: &Outcome, also: &[f64]| {
+            found(outcome).map(|found| [&weights.residuals(measured, found), also].concat())
+        };
+        match (
+            all(&run.outcome, &run.also),
+            all(&trial.outcome, &trial.also),
+        ) {
+            (Some(run), Some(cheap)) => run.iter().zip(cheap).map(|(a, b)| a - b).collect(),
+            _ => Vec::new(),
+        }
     }
 
     fn is_whole(&self, run: usize) -> bool {
@@ -234,7 +284,7 @@ impl<'a> Search<'a> {
         &self,
         correction: &Correction,
         shift: &[f64],
-        (near, weight): (&[f64], f64),
+        near: &Near<'_>,
         intervals: &[Interval],
         start: Vec<f64>,
     ) -> Option<Proposal> {
@@ -257,11 +307,9 @@ impl<'a> Search<'a> {
                     .collect(),
             };
             all.extend(shifted(&trial.also, shift));
-            all.extend(
-                x.iter()
-                    .zip(near)
-                    .map(|(x, near)| weight.sqrt() * (x - near)),
-            );
+            let weight = near.weight.sqrt();
+            all.extend(x.iter().zip(near.x).map(|(x, near)| weight * (x - near)));
+            all.push((near.doubt * distance(x, near.x)).sqrt());
             all.extend(
                 x.iter()
                     .zip(prior)
@@ -299,7 +347,11 @@ impl<'a> Search<'a> {
         self.best(
             &correction,
             &[],
-            (&start, nearness.at_first),
+            &Near {
+                x: &start,
+                weight: nearness.at_first,
+                doubt: 0.0,
+            },
             intervals,
             start.clone(),
         )
@@ -333,10 +385,20 @@ impl<'a> Search<'a> {
         let intervals = self.around(centre, radius);
         let start = Self::clamped(centre, &intervals);
         let shift = shift(&runs[base], &trials[position]);
+        let nearness = self.problem.nearness;
+        let gaps: Vec<(&[f64], Vec<f64>)> = used
+            .iter()
+            .zip(&trials)
+            .map(|(i, trial)| (&runs[*i].x[..], self.gap(&runs[*i], trial)))
+            .collect();
         let mut proposal = self.best(
             &correction,
             &shift,
-            (centre, self.problem.nearness.of_best),
+            &Near {
+                x: centre,
+                weight: nearness.of_best,
+                doubt: nearness.of_doubt * doubt(&gaps, position),
+            },
             &intervals,
             start,
         )?;

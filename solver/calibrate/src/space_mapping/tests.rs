@@ -294,6 +294,7 @@ fn other_residuals_are_exact_at_the_best_run() {
         nearness: Nearness {
             at_first: 0.0,
             of_best: 0.0,
+            of_doubt: 0.0,
         },
         expected: [1.0; 7],
         reach: [f64::INFINITY; 7],
@@ -313,6 +314,58 @@ fn other_residuals_are_exact_at_the_best_run() {
     );
     assert!((proposal.x[1] - 1.5).abs() < 1e-4, "{:?}", proposal.x);
     assert!(proposal.misfit < 1e-6, "{}", proposal.misfit);
+}
+
+#[test]
+fn a_gap_that_changed_from_run_to_run_shortens_the_next_step() {
+    let simulated = |value: f64| {
+        let mut found = Biomarkers::default();
+        found.set(Biomarker::OF_ORGAN[0], Some(value));
+        Outcome::Simulated(found)
+    };
+    let cheap = |x: &[f64]| Trial::from(simulated(100.0 * x[0].exp()));
+    let mut measured = Biomarkers::default();
+    measured.set(Biomarker::OF_ORGAN[0], Some(150.0));
+    let step = |other: f64, of_doubt: f64| {
+        let run = |x: f64, value: f64| Run {
+            x: vec![x],
+            outcome: simulated(value),
+            also: Vec::new(),
+            predicted_misfit: None,
+        };
+        // The models agree at the best run, 0, and differ by `other` at -1.
+        let runs = [run(-1.0, other * 100.0 * (-1.0_f64).exp()), run(0.0, 100.0)];
+        let problem = Problem {
+            measured: &measured,
+            weights: &Weights::default(),
+            runs: &runs,
+            start: &[0.0],
+            intervals: &[Interval::new(-2.0, 2.0)],
+            prior: &[],
+            nearness: Nearness {
+                at_first: 0.0,
+                of_best: 0.0,
+                of_doubt,
+            },
+            expected: [1.0; 7],
+            reach: [f64::INFINITY; 7],
+            first_radius: 3.0,
+            effort: Effort::Gradients {
+                points: 64,
+                best: 4,
+                local: crate::least_squares::Settings::default(),
+            },
+            seed: 1,
+        };
+        super::propose(&problem, &cheap).expect("a proposal").x[0]
+    };
+    let whole = step(1.0, 1.0);
+    assert!((whole - 1.5_f64.ln()).abs() < 1e-3, "{whole}: no doubt");
+    let [none, third, all] = [0.0, 0.3, 1.0].map(|share| step(1.5, share));
+    assert!(
+        0.0 < all && all < third && third < none,
+        "{all} {third} {none}"
+    );
 }
 
 #[test]
@@ -349,6 +402,7 @@ fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expect
             nearness: Nearness {
                 at_first: 0.0,
                 of_best: 0.0,
+                of_doubt: 0.0,
             },
             expected: [1.2; 7],
             reach: [reach; 7],

@@ -19,11 +19,13 @@ use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
 
-/// The organ's factors are known at the best beat only. Among cells with similar costs, the nearest
-/// one is therefore the safest.
+/// The organ's factors are known at the beats so far only. Among cells with similar costs, the nearest
+/// one to the best beat is therefore the safest. The share of the doubt was chosen on ten development
+/// patients (docs/measurements/step3.md#the-doubt).
 const NEARNESS: Nearness = Nearness {
     at_first: 0.0,
     of_best: 1.0,
+    of_doubt: 0.3,
 };
 /// Largest distance of a beat's biomarker from its measurement, as a logarithm, up to which the
 /// beat determines the biomarker's factor. Beyond it, the beat of step 1 is a better guide, because
