@@ -83,7 +83,7 @@ impl TaskSpec {
             Self::PassiveState(_) => 8,
             Self::Discover(_) => 8,
             Self::Step1Proposal(_) => 6,
-            Self::OrganBeat(_) => 8,
+            Self::OrganBeat(_) => 9,
             Self::CellFit(_) => 6,
             Self::Step3Proposal(_) => 6,
             Self::Targets(_) | Self::CellSweep(_) => 3,

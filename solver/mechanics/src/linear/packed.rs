@@ -48,22 +48,6 @@ impl PackedTangent {
         }
     }
 
-    /// Bytes that a product reads and writes, for `n_local` nodes.
-    #[must_use]
-    pub fn bytes_of_product(&self, n_local: usize) -> usize {
-        let (first, second) = (
-            size_of::<PackedBlock>() + size_of::<u32>(),
-            size_of::<PackedVolume>() + size_of::<u32>(),
-        );
-        let vectors = n_local * 3 * 8 + self.pattern.n_rows() * 4 * 8;
-        let second = if self.bulk.is_empty() {
-            0
-        } else {
-            second * self.blocks.len() + self.pattern.n_rows() * 7 * 8
-        };
-        self.blocks.len() * first + vectors + second
-    }
-
     /// Blocks and entries of `G`, for assembly.
     pub fn entries_mut(&mut self) -> (&mut [PackedBlock], &mut [PackedVolume]) {
         (&mut self.blocks, &mut self.volumes)

@@ -6,7 +6,7 @@ use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::element::BATCH;
 use crate::element::kernel::ActivePoint;
-use crate::linear::PackedTangent;
+use crate::linear::{HalfTangent, PackedTangent};
 use crate::time_integration::Motion;
 
 /// A kernel of a time step.
@@ -49,6 +49,8 @@ pub(super) struct Bench {
     force: Vec<f64>,
     residual: Vec<f64>,
     tangent: PackedTangent,
+    /// Its copy for products.
+    half: HalfTangent,
     /// Whether the tangent belongs to a time step.
     linearised: bool,
 }
@@ -84,6 +86,7 @@ impl Bench {
             force: vec![0.0; n],
             residual: vec![0.0; n],
             tangent,
+            half: HalfTangent::zeros(dynamics.body.pattern().clone()),
             linearised: false,
         })
     }
@@ -96,6 +99,7 @@ impl Bench {
             force,
             residual,
             tangent,
+            half,
             linearised,
         } = self;
         let Candidate {
@@ -114,6 +118,7 @@ impl Bench {
             Kernel::Krylov(n) => {
                 if !*linearised {
                     dynamics.linearise(STEP_MS, now, candidate, force, residual, tangent);
+                    half.copy_from(tangent);
                     *linearised = true;
                 }
                 let mut x = vec![0.0; force.len()];
@@ -125,7 +130,7 @@ impl Bench {
                 };
                 conjugate_gradients(
                     dynamics.space(),
-                    tangent,
+                    half,
                     &jacobi,
                     &candidate.load,
                     &mut x,
@@ -138,6 +143,6 @@ impl Bench {
 
     /// Bytes that a product with the tangent reads and writes, for `n_local` nodes.
     pub(super) fn bytes_of_product(&self, n_local: usize) -> usize {
-        self.tangent.bytes_of_product(n_local)
+        self.half.bytes_of_product(n_local)
     }
 }

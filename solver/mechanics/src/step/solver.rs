@@ -10,7 +10,7 @@ use super::recent::Recent;
 use super::{StepError, StepReport, StepSettings};
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::linear::{Assembled, PackedTangent};
+use crate::linear::{Assembled, HalfTangent, PackedTangent};
 use crate::newton::LinearSolver;
 
 /// Loosest relative residual with an expensive preconditioner, since one more of its iterations costs less than one of
@@ -32,6 +32,8 @@ struct KeptLevels {
 #[derive(Debug)]
 pub struct Solver {
     matrix: Option<Matrix>,
+    /// Copy of the tangent for products with it.
+    half: Option<HalfTangent>,
     direct: Option<Direct>,
     multigrid: Option<Multigrid>,
     levels: Option<KeptLevels>,
@@ -87,6 +89,7 @@ impl Solver {
     pub fn new() -> Self {
         Self {
             matrix: None,
+            half: None,
             direct: None,
             multigrid: None,
             levels: None,
@@ -211,6 +214,12 @@ impl Solver {
             ));
             self.stale = false;
         }
+        if linear == LinearSolver::RigidLevels
+            && let Some(Matrix::Packed(tangent)) = &self.matrix
+        {
+            let pattern = || HalfTangent::zeros(dynamics.body.pattern().clone());
+            self.half.get_or_insert_with(pattern).copy_from(tangent);
+        }
     }
 
     /// Evaluates the tangent alone, at the predicted nodal pressures.
@@ -327,11 +336,12 @@ impl Solver {
             Matrix::Full(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
             Matrix::Packed(tangent) => {
                 let jacobi = BlockJacobi::new(tangent);
-                let by = match &self.levels {
-                    Some(KeptLevels { levels, .. }) => By::Levels(WithLevels { jacobi, levels }),
-                    None => By::Jacobi(jacobi),
-                };
-                (tangent, by)
+                match (&self.levels, &self.half) {
+                    (Some(KeptLevels { levels, .. }), Some(half)) => {
+                        (half, By::Levels(WithLevels { jacobi, levels }))
+                    }
+                    _ => (tangent, By::Jacobi(jacobi)),
+                }
             }
         };
         Ok(Linear {
