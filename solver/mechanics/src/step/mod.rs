@@ -231,7 +231,7 @@ impl From<Disagreement<ContractionError>> for StepError {
 }
 
 /// Loosest relative tolerance of a linear solve.
-const LOOSEST: f64 = 0.1;
+const LOOSEST: f64 = 0.3;
 /// Share of Newton's tolerance that a linear solve, or a guess without a solve, may leave: more would add up from step to step.
 const LEFT: f64 = 0.3;
 

@@ -479,7 +479,7 @@ fn krylov(
         done = gmres(space, operator, preconditioner, b, x, limits);
         report.krylov_iterations += done.iterations;
     }
-    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.1)) {
+    if !(done.relative_residual < (10.0 * limits.relative_tolerance).min(0.5)) {
         let (iterations, relative_residual) = (done.iterations, done.relative_residual);
         return Err(StepError::Linear {
             iterations,
