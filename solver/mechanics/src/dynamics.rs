@@ -361,7 +361,7 @@ impl Dynamics {
     }
 
     /// Zeroes the held components.
-    fn hold(&self, r: &mut [f64]) {
+    pub(crate) fn hold(&self, r: &mut [f64]) {
         for (r, fixed) in r.as_chunks_mut::<3>().0.iter_mut().zip(&self.fixed) {
             for i in 0..3 {
                 if fixed[i] {

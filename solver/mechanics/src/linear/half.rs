@@ -1,6 +1,6 @@
 //! The tangent of linear elements in half precision: a product with it reads half as much as one with [`PackedTangent`].
 //!
-//! A solve leaves a tenth of its residual, so that a matrix off by 2⁻¹¹ costs no iterations of Newton's method. Entries have
+//! A solve leaves up to three tenths of its residual, so that a matrix off by 2⁻¹¹ costs no iterations of Newton's method. Entries have
 //! ten bits of mantissa and five of exponent, as IEEE 754's binary16 has, and one scale for all of `K` and one for all of `G`;
 //! what lies below the smallest normal number becomes zero. Sums are in single precision, which is finer than the entries.
 
@@ -38,6 +38,7 @@ fn encode(x: f32) -> u16 {
     (((bits >> 16) & 0x8000) | magnitude) as u16
 }
 
+/// The number in single precision, of a normal one or zero.
 #[inline(always)]
 fn decode(x: u16) -> f32 {
     // The sign is copied to the upper bits, of which only the first is one.
@@ -93,7 +94,7 @@ pub struct HalfTangent {
     scales: [f64; 2],
     /// `D` \[kPa/mm³\].
     bulk: Vec<f64>,
-    /// The vector of the last product.
+    /// The vector of the last product, in single precision.
     x: RefCell<Vec<[f32; 3]>>,
     arch: Arch,
 }
@@ -271,7 +272,10 @@ mod f16c {
 
 impl HalfTangent {
     /// `y = K x`, `p = Gᵀ x`.
-    #[expect(unsafe_code, reason = "a kernel for this processor")]
+    #[cfg_attr(
+        target_arch = "x86_64",
+        expect(unsafe_code, reason = "a kernel for this processor")
+    )]
     fn rows(&self, x: &[[f32; 3]], to: (&mut [[f64; 3]], &mut [f64])) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("f16c") {
@@ -282,7 +286,10 @@ impl HalfTangent {
     }
 
     /// `y += G p`.
-    #[expect(unsafe_code, reason = "a kernel for this processor")]
+    #[cfg_attr(
+        target_arch = "x86_64",
+        expect(unsafe_code, reason = "a kernel for this processor")
+    )]
     fn pressures(&self, p: &[f32], y: &mut [[f64; 3]]) {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("f16c") {
@@ -302,11 +309,11 @@ impl Operator for HalfTangent {
         space.update(x);
         let n = self.pattern.n_rows();
         let (x, y) = (x.as_chunks::<3>().0, &mut y.as_chunks_mut::<3>().0[..n]);
-        let mut halved = self.x.borrow_mut();
-        halved.clear();
-        halved.extend(x.iter().map(|x| x.map(|x| x as f32)));
+        let mut single = self.x.borrow_mut();
+        single.clear();
+        single.extend(x.iter().map(|x| x.map(|x| x as f32)));
         let mut p = vec![0.0; n.max(self.bulk.len())];
-        self.rows(&halved, (&mut *y, &mut p[..n]));
+        self.rows(&single, (&mut *y, &mut p[..n]));
         if self.bulk.is_empty() {
             return;
         }

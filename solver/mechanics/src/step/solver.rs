@@ -398,21 +398,30 @@ impl Linear<'_> {
             relative_tolerance: tolerance.max(self.least),
             ..self.settings.krylov
         };
+        let dynamics = self.dynamics;
+        let solve = |by: &dyn Preconditioner, x: &mut [f64], report: &mut StepReport| {
+            let by = Held { by, dynamics };
+            krylov(space, self.operator, &by, b, x, &limits, report)
+        };
         match &mut self.by {
-            By::Jacobi(m) => krylov(space, self.operator, m, b, x, &limits, report),
-            By::Levels(m) => krylov(space, self.operator, m, b, x, &limits, report),
-            By::Sweep(m) => krylov(space, self.operator, m, b, x, &limits, report),
+            By::Jacobi(m) => solve(m, x, report),
+            By::Levels(m) => solve(m, x, report),
+            By::Sweep(m) => solve(m, x, report),
             By::Multigrid(levels, stale) => {
                 let short = KrylovSettings {
                     max_iterations: 4 * self.settings.keep_until,
                     ..limits
                 };
-                let mut done = conjugate_gradients(space, self.operator, *levels, b, x, &short);
+                let by = Held {
+                    by: *levels,
+                    dynamics,
+                };
+                let mut done = conjugate_gradients(space, self.operator, &by, b, x, &short);
                 let mut iterations = done.iterations;
                 if done.ending != KrylovEnding::Converged {
                     // Far from equilibrium the tangent may be indefinite.
                     x.fill(0.0);
-                    done = gmres(space, self.operator, *levels, b, x, &short);
+                    done = gmres(space, self.operator, &by, b, x, &short);
                     iterations += done.iterations;
                 }
                 report.krylov_iterations += iterations;
@@ -436,7 +445,11 @@ impl Linear<'_> {
                     ..limits
                 };
                 // Far from equilibrium the current or the factorised tangent may be indefinite.
-                let done = gmres(space, self.operator, &*kept.by, b, x, &short);
+                let by = Held {
+                    by: &*kept.by,
+                    dynamics,
+                };
+                let done = gmres(space, self.operator, &by, b, x, &short);
                 report.krylov_iterations += done.iterations;
                 *kept.stale |= done.ending != KrylovEnding::Converged;
                 if done.relative_residual < 0.1 {
@@ -449,7 +462,7 @@ impl Linear<'_> {
                     kept.fresh = true;
                     *kept.stale = false;
                 }
-                krylov(space, self.operator, &*kept.by, b, x, &limits, report)
+                solve(&*kept.by, x, report)
             }
         }
     }
@@ -460,6 +473,20 @@ impl Linear<'_> {
         self.operator.multiply(space, x, &mut r);
         r.iter_mut().zip(b).for_each(|(r, b)| *r = b - *r);
         space.norm(&r)
+    }
+}
+
+/// A preconditioner that leaves held components at rest. Their residual is zero, so that what a level or a sum of levels
+/// moved of them would never be taken back.
+struct Held<'a> {
+    by: &'a dyn Preconditioner,
+    dynamics: &'a Dynamics,
+}
+
+impl Preconditioner for Held<'_> {
+    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
+        self.by.apply(space, r, z);
+        self.dynamics.hold(z);
     }
 }
 
