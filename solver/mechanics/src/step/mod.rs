@@ -230,8 +230,6 @@ impl From<Disagreement<ContractionError>> for StepError {
     }
 }
 
-/// Loosest relative tolerance of a linear solve.
-const LOOSEST: f64 = 0.3;
 /// Share of Newton's tolerance that a linear solve, or a guess without a solve, may leave: more would add up from step to step.
 const LEFT: f64 = 0.3;
 
@@ -388,11 +386,10 @@ pub fn step(
         } else if !linearised {
             linearise(solver, candidate, &mut force, &mut r);
         }
-        let tolerance = (LEFT * wanted / norm).clamp(1e-10, LOOSEST);
         let mut y = std::mem::take(&mut solver.response);
         let mut linear = solver.prepare(dynamics, settings, &mut report)?;
         x.fill(0.0);
-        linear.solve(&r, &mut x, tolerance, &mut report)?;
+        linear.solve(&r, &mut x, LEFT * wanted / norm, &mut report)?;
         let solution = x.clone();
         let mut change_kpa = 0.0;
         if left.is_some() {
@@ -407,12 +404,7 @@ pub fn step(
             // The response changes slowly; its error enters multiplied by the change of pressure, which sets the tolerance.
             let allowed = LEFT * wanted / change_kpa.abs().max(1e-3 * settings.least_pressure_kpa);
             if linear.residual_norm(&column, &mut y) > allowed {
-                linear.solve(
-                    &column,
-                    &mut y,
-                    (0.5 * allowed / unit).clamp(1e-10, LOOSEST),
-                    &mut report,
-                )?;
+                linear.solve(&column, &mut y, 0.5 * allowed / unit, &mut report)?;
                 change_kpa = pressure_change(space, closure, &row, (&x, &y), at)?;
             }
             add_times(change_kpa, &y, &mut x);

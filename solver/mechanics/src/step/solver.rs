@@ -13,9 +13,11 @@ use crate::dynamics::{Candidate, Dynamics, State};
 use crate::linear::{Assembled, HalfTangent, PackedTangent};
 use crate::newton::LinearSolver;
 
-/// Loosest relative residual with an expensive preconditioner, since one more of its iterations costs less than one of
-/// Newton's.
-const LOOSE: f64 = 1e-2;
+/// Tightest and loosest relative residual with an expensive preconditioner, since one more of its iterations costs less than
+/// one of Newton's.
+const EXPENSIVE: [f64; 2] = [1e-2, 0.1];
+/// Loosest relative residual with another preconditioner.
+const LOOSEST: f64 = 0.3;
 
 /// Systems for which the levels of rigid motions are kept, since the tangent changes slowly.
 const LEVELS_SERVE: u32 = 64;
@@ -294,7 +296,7 @@ impl Solver {
             return Ok(Linear {
                 dynamics,
                 settings,
-                least: LOOSE,
+                tolerances: EXPENSIVE,
                 operator,
                 by,
             });
@@ -321,14 +323,14 @@ impl Solver {
                 return Ok(Linear {
                     dynamics,
                     settings,
-                    least: LOOSE,
+                    tolerances: EXPENSIVE,
                     operator: tangent,
                     by: By::Direct(kept, tangent),
                 });
             }
             matrix => matrix,
         };
-        let least = matrix.least_tolerance();
+        let tolerances = [matrix.least_tolerance(), LOOSEST];
         let (operator, by): (&dyn Operator, By<'a>) = match matrix {
             Matrix::Full(tangent) if settings.linear == LinearSolver::SymmetricSweep => {
                 (tangent, By::Sweep(SymmetricSweep::new(tangent)))
@@ -347,7 +349,7 @@ impl Solver {
         Ok(Linear {
             dynamics,
             settings,
-            least,
+            tolerances,
             operator,
             by,
         })
@@ -379,13 +381,15 @@ enum By<'a> {
 pub(super) struct Linear<'a> {
     dynamics: &'a Dynamics,
     settings: &'a StepSettings,
-    least: f64,
+    /// Tightest and loosest relative residual of a solve.
+    tolerances: [f64; 2],
     operator: &'a dyn Operator,
     by: By<'a>,
 }
 
 impl Linear<'_> {
-    /// Solves `K x = b` from `x` to the relative residual `tolerance`, within the storage's precision.
+    /// Solves `K x = b` from `x` to the relative residual `tolerance`, or the nearest one that the storage and the
+    /// preconditioner allow.
     pub(super) fn solve(
         &mut self,
         b: &[f64],
@@ -393,9 +397,9 @@ impl Linear<'_> {
         tolerance: f64,
         report: &mut StepReport,
     ) -> Result<(), StepError> {
-        let space = self.dynamics.space();
+        let (space, [least, most]) = (self.dynamics.space(), self.tolerances);
         let limits = KrylovSettings {
-            relative_tolerance: tolerance.max(self.least),
+            relative_tolerance: tolerance.clamp(least, most),
             ..self.settings.krylov
         };
         let dynamics = self.dynamics;
@@ -476,8 +480,8 @@ impl Linear<'_> {
     }
 }
 
-/// A preconditioner that leaves held components at rest. Their residual is zero, so that what a level or a sum of levels
-/// moved of them would never be taken back.
+/// A preconditioner that leaves held components at rest. Their residual is zero, so that no later iteration would take a
+/// motion of theirs back.
 struct Held<'a> {
     by: &'a dyn Preconditioner,
     dynamics: &'a Dynamics,
