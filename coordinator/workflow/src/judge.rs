@@ -38,13 +38,9 @@ pub fn judge(attempt: &AttemptId, kind: &str, outcome: &TaskOutcome) -> AttemptE
         Ending::Diverged {
             last_good_ms,
             reason,
-        } => {
-            // A sum of steps has digits of no meaning.
-            let last_good_ms = (last_good_ms * 1e3).round() / 1e3;
-            AttemptEnding::Failed {
-                failure: numerics(format!("simulation ended at {last_good_ms} ms: {reason}")),
-            }
-        }
+        } => AttemptEnding::Failed {
+            failure: numerics(format!("simulation ended at {last_good_ms} ms: {reason}")),
+        },
         Ending::Failed { failure } => AttemptEnding::Failed {
             failure: failure.clone(),
         },

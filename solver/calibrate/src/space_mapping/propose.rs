@@ -236,14 +236,15 @@ impl<'a> Search<'a> {
         let Problem {
             measured, weights, ..
         } = self.problem;
-        let all = |outcome: &Outcome, also: &[f64]| {
-            found(outcome).map(|found| [&weights.residuals(measured, found), also].concat())
-        };
-        match (
-            all(&run.outcome, &run.also),
-            all(&trial.outcome, &trial.also),
-        ) {
-            (Some(run), Some(cheap)) => run.iter().zip(cheap).map(|(a, b)| a - b).collect(),
+        let residuals =
+            |outcome: &Outcome| found(outcome).map(|found| weights.residuals(measured, found));
+        match (residuals(&run.outcome), residuals(&trial.outcome)) {
+            (Some(run_residuals), Some(cheap)) => run_residuals
+                .iter()
+                .zip(cheap)
+                .map(|(run, cheap)| run - cheap)
+                .chain(shift(run, trial))
+                .collect(),
             _ => Vec::new(),
         }
     }

@@ -7,6 +7,7 @@ use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
 use cardiotwin_vocabulary::step1::{Step1Parameter, Step1Parameters};
 use cardiotwin_vocabulary::step1_settings::Step1Settings;
 use proptest::prelude::*;
+use std::sync::LazyLock;
 
 const MEASURED: [f64; 6] = [120.0, 2.0, -1.8, 330.0, 80.0, 50.0];
 
@@ -255,56 +256,82 @@ fn a_beat_whose_valves_stay_shut_leads_on_by_its_pressure() {
     assert!(cost(&runs[3]) < 0.1, "{}", cost(&runs[3]));
 }
 
-#[test]
-fn other_residuals_are_exact_at_the_best_run() {
-    // The cheap model's second residual vanishes at 1, the expensive one's at 1.5.
-    let simulated = |x: &[f64]| {
-        let mut found = Biomarkers::default();
-        found.set(Biomarker::OF_ORGAN[0], Some(100.0 * x[0].exp()));
-        Outcome::Simulated(found)
-    };
-    let cheap = |x: &[f64]| Trial {
-        outcome: simulated(x),
-        also: vec![x[1] - 1.0],
-    };
-    let mut measured = Biomarkers::default();
-    measured.set(Biomarker::OF_ORGAN[0], Some(120.0));
-    let start = [0.0, 0.5];
-    let run = Run {
-        x: start.to_vec(),
-        outcome: simulated(&start),
-        also: vec![start[1] - 1.5],
+/// Biomarkers of which only the first has a value.
+fn only(value: f64) -> Biomarkers {
+    let mut found = Biomarkers::default();
+    found.set(Biomarker::OF_ORGAN[0], Some(value));
+    found
+}
+
+/// A run of one parameter with the value of [`only`].
+fn run_at(x: f64, value: f64) -> Run {
+    Run {
+        x: vec![x],
+        outcome: Outcome::Simulated(only(value)),
+        also: Vec::new(),
         predicted_misfit: None,
-    };
-    let local = crate::least_squares::Settings {
-        cost_tolerance: 1e-12,
-        step_tolerance: 1e-9,
-        max_steps: 50,
-        difference_step: 1e-4,
-    };
-    let problem = Problem {
-        measured: &measured,
-        weights: &Weights::of_uncertainty_percent(
-            &[(Biomarker::OF_ORGAN[0].key().to_owned(), 1.0)].into(),
-        ),
-        runs: &[run],
-        start: &start,
-        intervals: &[Interval::new(-2.0, 2.0); 2],
+    }
+}
+
+/// Nothing holds the search near a point.
+const NOWHERE: Nearness = Nearness {
+    at_first: 0.0,
+    of_best: 0.0,
+    of_doubt: 0.0,
+};
+
+/// A problem of one parameter, without prior, nearness or expectation.
+fn plain<'a>(measured: &'a Biomarkers, runs: &'a [Run]) -> Problem<'a> {
+    static WEIGHTS: LazyLock<Weights> = LazyLock::new(Weights::default);
+    static INTERVALS: LazyLock<[Interval; 1]> = LazyLock::new(|| [Interval::new(-2.0, 2.0)]);
+    Problem {
+        measured,
+        weights: &WEIGHTS,
+        runs,
+        start: &[0.0],
+        intervals: &*INTERVALS,
         prior: &[],
-        nearness: Nearness {
-            at_first: 0.0,
-            of_best: 0.0,
-            of_doubt: 0.0,
-        },
+        nearness: NOWHERE,
         expected: [1.0; 7],
         reach: [f64::INFINITY; 7],
         first_radius: 3.0,
         effort: Effort::Gradients {
             points: 8,
             best: 1,
-            local,
+            local: crate::least_squares::Settings {
+                cost_tolerance: 1e-12,
+                step_tolerance: 1e-9,
+                max_steps: 50,
+                difference_step: 1e-4,
+            },
         },
         seed: 1,
+    }
+}
+
+#[test]
+fn other_residuals_are_exact_at_the_best_run() {
+    // The cheap model's second residual vanishes at 1, the expensive one's at 1.5.
+    let exponential = |x: &[f64]| Outcome::Simulated(only(100.0 * x[0].exp()));
+    let cheap = |x: &[f64]| Trial {
+        outcome: exponential(x),
+        also: vec![x[1] - 1.0],
+    };
+    let start = [0.0, 0.5];
+    let run = Run {
+        x: start.to_vec(),
+        outcome: exponential(&start),
+        also: vec![start[1] - 1.5],
+        predicted_misfit: None,
+    };
+    let (measured, runs) = (only(120.0), [run]);
+    let problem = Problem {
+        weights: &Weights::of_uncertainty_percent(
+            &[(Biomarker::OF_ORGAN[0].key().to_owned(), 1.0)].into(),
+        ),
+        start: &start,
+        intervals: &[Interval::new(-2.0, 2.0); 2],
+        ..plain(&measured, &runs)
     };
     let proposal = super::propose(&problem, &cheap).expect("a proposal");
     assert!(
@@ -318,44 +345,25 @@ fn other_residuals_are_exact_at_the_best_run() {
 
 #[test]
 fn a_gap_that_changed_from_run_to_run_shortens_the_next_step() {
-    let simulated = |value: f64| {
-        let mut found = Biomarkers::default();
-        found.set(Biomarker::OF_ORGAN[0], Some(value));
-        Outcome::Simulated(found)
-    };
-    let cheap = |x: &[f64]| Trial::from(simulated(100.0 * x[0].exp()));
-    let mut measured = Biomarkers::default();
-    measured.set(Biomarker::OF_ORGAN[0], Some(150.0));
+    let cheap = |x: &[f64]| Trial::from(Outcome::Simulated(only(100.0 * x[0].exp())));
     let step = |other: f64, of_doubt: f64| {
-        let run = |x: f64, value: f64| Run {
-            x: vec![x],
-            outcome: simulated(value),
-            also: Vec::new(),
-            predicted_misfit: None,
-        };
         // The models agree at the best run, 0, and differ by `other` at -1.
-        let runs = [run(-1.0, other * 100.0 * (-1.0_f64).exp()), run(0.0, 100.0)];
+        let runs = [
+            run_at(-1.0, other * 100.0 * (-1.0_f64).exp()),
+            run_at(0.0, 100.0),
+        ];
+        let measured = only(150.0);
         let problem = Problem {
-            measured: &measured,
-            weights: &Weights::default(),
-            runs: &runs,
-            start: &[0.0],
-            intervals: &[Interval::new(-2.0, 2.0)],
-            prior: &[],
             nearness: Nearness {
-                at_first: 0.0,
-                of_best: 0.0,
                 of_doubt,
+                ..NOWHERE
             },
-            expected: [1.0; 7],
-            reach: [f64::INFINITY; 7],
-            first_radius: 3.0,
             effort: Effort::Gradients {
                 points: 64,
                 best: 4,
                 local: crate::least_squares::Settings::default(),
             },
-            seed: 1,
+            ..plain(&measured, &runs)
         };
         super::propose(&problem, &cheap).expect("a proposal").x[0]
     };
@@ -370,49 +378,15 @@ fn a_gap_that_changed_from_run_to_run_shortens_the_next_step() {
 
 #[test]
 fn a_run_far_from_the_measurement_speaks_less_of_the_factors_than_what_is_expected() {
-    let simulated = |value: f64| {
-        let mut found = Biomarkers::default();
-        found.set(Biomarker::OF_ORGAN[0], Some(value));
-        Outcome::Simulated(found)
-    };
     // The measured factor is 2 at the start; 1.2 is expected.
-    let cheap = |x: &[f64]| Trial::from(simulated(100.0 * x[0].exp()));
-    let run = Run {
-        x: vec![0.0],
-        outcome: simulated(200.0),
-        also: Vec::new(),
-        predicted_misfit: None,
-    };
+    let cheap = |x: &[f64]| Trial::from(Outcome::Simulated(only(100.0 * x[0].exp())));
+    let run = run_at(0.0, 200.0);
     let factor = |measured_value: f64, reach: f64| {
-        let mut measured = Biomarkers::default();
-        measured.set(Biomarker::OF_ORGAN[0], Some(measured_value));
-        let local = crate::least_squares::Settings {
-            cost_tolerance: 1e-12,
-            step_tolerance: 1e-9,
-            max_steps: 50,
-            difference_step: 1e-4,
-        };
+        let measured = only(measured_value);
         let problem = Problem {
-            measured: &measured,
-            weights: &Weights::default(),
-            runs: std::slice::from_ref(&run),
-            start: &[0.0],
-            intervals: &[Interval::new(-2.0, 2.0)],
-            prior: &[],
-            nearness: Nearness {
-                at_first: 0.0,
-                of_best: 0.0,
-                of_doubt: 0.0,
-            },
             expected: [1.2; 7],
             reach: [reach; 7],
-            first_radius: 3.0,
-            effort: Effort::Gradients {
-                points: 8,
-                best: 1,
-                local,
-            },
-            seed: 1,
+            ..plain(&measured, std::slice::from_ref(&run))
         };
         super::propose(&problem, &cheap)
             .expect("a proposal")

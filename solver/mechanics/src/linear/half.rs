@@ -11,7 +11,7 @@ use cardiotwin_linalg::parallel::VectorLayout;
 use cardiotwin_linalg::{Operator, Pattern, prefetch};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::packed::{PackedBlock, PackedTangent, PackedVolume};
+use super::packed::{PackedBlock, PackedTangent, PackedVolume, diagonal};
 
 /// Three columns of `[K; gᵀ]`.
 type HalfBlock = [[u16; 4]; 3];
@@ -326,23 +326,13 @@ impl Operator for HalfTangent {
     }
 
     fn diagonal(&self, row: usize) -> [f64; 9] {
-        let mut out = [0.0; 9];
-        let number = |x: u16, scale: f64| f64::from(decode(x)) * scale;
-        for k in self.pattern.row(row) {
-            let (block, g) = (&self.blocks[k], &self.volumes[k]);
-            let column = self.pattern.column[k] as usize;
-            let d = self.bulk.get(column).copied().unwrap_or(0.0);
-            for i in 0..3 {
-                for j in 0..3 {
-                    out[3 * i + j] +=
-                        d * number(g[i], self.scales[1]) * number(g[j], self.scales[1]);
-                    if column == row {
-                        out[3 * i + j] += number(block[j][i], self.scales[0]);
-                    }
-                }
-            }
-        }
-        out
+        let [of_k, of_g] = self.scales;
+        diagonal(
+            (&self.pattern, &self.bulk),
+            row,
+            |slot, i, j| of_k * f64::from(decode(self.blocks[slot][j][i])),
+            |slot, i| of_g * f64::from(decode(self.volumes[slot][i])),
+        )
     }
 }
 

@@ -140,20 +140,35 @@ impl Operator for PackedTangent {
     }
 
     fn diagonal(&self, row: usize) -> [f64; 9] {
-        let mut out = [0.0; 9];
-        for k in self.pattern.row(row) {
-            let (PackedBlock(block), PackedVolume(g)) = (&self.blocks[k], &self.volumes[k]);
-            let column = self.pattern.column[k] as usize;
-            let d = self.bulk.get(column).copied().unwrap_or(0.0);
-            for i in 0..3 {
-                for j in 0..3 {
-                    out[3 * i + j] += d * f64::from(g[i]) * f64::from(g[j]);
-                    if column == row {
-                        out[3 * i + j] += f64::from(block[j][i]);
-                    }
+        diagonal(
+            (&self.pattern, &self.bulk),
+            row,
+            |slot, i, j| f64::from(self.blocks[slot].0[j][i]),
+            |slot, i| f64::from(self.volumes[slot].0[i]),
+        )
+    }
+}
+
+/// Diagonal block of a row of `K + G D Gᵀ`, from the entries of `K` (slot, row and column in the block) and of `G` (slot and
+/// row).
+pub(super) fn diagonal(
+    (pattern, bulk): (&Pattern, &[f64]),
+    row: usize,
+    stiffness: impl Fn(usize, usize, usize) -> f64,
+    volume: impl Fn(usize, usize) -> f64,
+) -> [f64; 9] {
+    let mut out = [0.0; 9];
+    for slot in pattern.row(row) {
+        let column = pattern.column[slot] as usize;
+        let d = bulk.get(column).copied().unwrap_or(0.0);
+        for i in 0..3 {
+            for j in 0..3 {
+                out[3 * i + j] += d * volume(slot, i) * volume(slot, j);
+                if column == row {
+                    out[3 * i + j] += stiffness(slot, i, j);
                 }
             }
         }
-        out
     }
+    out
 }

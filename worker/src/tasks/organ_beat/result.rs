@@ -47,7 +47,8 @@ pub(super) fn ending(
                 .artefacts
                 .write("traces", "traces.csv", &traces_csv(&traces))?;
             Ok(Ending::Diverged {
-                last_good_ms: t.0,
+                // A sum of steps has digits without a meaning.
+                last_good_ms: (t.0 * 1e3).round() / 1e3,
                 reason: chain(&reason),
             })
         }
