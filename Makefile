@@ -9,13 +9,14 @@ CARGO ?= cargo
 COHORT ?= examples/coa-seven
 BIN := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/release
 
-# The whole workspace is always selected, so that demo, tests and benchmarks share one set of compiled dependencies.
-BUILD := $(CARGO) build --release --locked --workspace --bins
+# The two programs that are installed. What developers measure with, and its dependencies, takes half as long again.
+BUILD := $(CARGO) build --release --locked --bins
+BUILD_ALL := $(CARGO) build --release --locked --workspace --bins
 
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: worked-changes help book install package vendor deps deps-demo build test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies second-cohort afterload verify slurm-kills clean-run
+.PHONY: worked-changes help book install package vendor deps deps-demo build build-all test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies second-cohort afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -29,6 +30,9 @@ deps-demo:
 build: ## build the coordinator (cardiotwin) and the worker (cardiotwin-worker) in release; cardiotwin-worker-mpi where an MPI is found
 	$(BUILD)
 	@if missing=$$(deploy/mpi-found.sh); then $(BUILD_MPI); else echo "cardiotwin-worker-mpi is not built: $$missing"; fi
+
+build-all: ## as `make build`, with the programs of developers (cardiotwin-dev: benchmarks, mechanics cases)
+	$(BUILD_ALL)
 
 demo: deps-demo build ## find a hidden effect, personalise the bundled seven-patient cohort; ends with a table and the report's path
 	@# Kept beside the cohort, so that the cohort's report shows it.
@@ -63,7 +67,7 @@ package: ## make dist/cardiotwin-VERSION-ARCH.tar.gz with a static coordinator (
 vendor: ## make dist/cardiotwin-VERSION-source.tar.gz with the sources of all dependencies, for builds without network
 	deploy/vendor.sh dist
 
-bench: build ## measure the figures of docs/benchmarks.md on this machine (minutes)
+bench: build-all ## measure the figures of docs/benchmarks.md on this machine (minutes)
 	$(CARGO) bench --locked --workspace
 	$(BIN)/cardiotwin-dev bench beat
 	$(BIN)/cardiotwin-dev bench cell
@@ -137,7 +141,7 @@ VERIFY_TABLES := $(patsubst %,$(VERIFY)/arostica2025-lv-%-cohort.csv,0a 1 0b) $(
 worked-changes: ## apply the diffs of CONTRIBUTING.md to a copy, build it, and try each change (ten minutes)
 	tests/worked-changes.sh $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/worked-changes
 
-verify: build ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics, the twins of all seven patients (half an hour after the build)
+verify: build-all ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics, the twins of all seven patients (half an hour after the build)
 	$(CARGO) build --release --locked --quiet --package cardiotwin-mechanics --package cardiotwin-electrophysiology --examples
 	mkdir -p $(VERIFY)
 	$(MAKE) --no-print-directory --jobs=2 VERIFIED=$(VERIFIED) $(VERIFY_TABLES)

@@ -13,7 +13,7 @@ built=${CARGO_TARGET_DIR:-target}
 command -v musl-gcc >/dev/null || { echo "$0: no musl-gcc: apt-get install musl-tools" >&2; exit 1; }
 rustc --print target-libdir --target "$target" | xargs ls >/dev/null 2>&1 || { echo "$0: rustup target add $target" >&2; exit 1; }
 env "CC_${target//-/_}=musl-gcc" cargo build --release --locked --target "$target" --package cardiotwin --bin cardiotwin
-cargo build --release --locked --workspace --bins
+cargo build --release --locked --bins
 version=$("$built/$target/release/cardiotwin" --version | awk '{ print $2; exit }')
 prefix=${2:-/opt/cardiotwin/$version}
 tree=$(mktemp -d)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes OUT/cardiotwin-VERSION-source.tar.gz: this commit with the sources of all dependencies, to be built where there is no network.
-# Usage: deploy/vendor.sh [OUT]      then, there: tar -xzf …; cd cardiotwin-VERSION; cargo build --release --offline --workspace --bins
+# Usage: deploy/vendor.sh [OUT]      then, there: tar -xzf …; cd cardiotwin-VERSION; cargo build --release --offline --bins
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$(mkdir -p "${1:-dist}" && cd "${1:-dist}" && pwd)

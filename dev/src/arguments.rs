@@ -1,5 +1,6 @@
 //! Arguments that the programs with and without MPI share.
 
+use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
@@ -54,7 +55,7 @@ impl BeatArgs {
             element,
             cycle_ms: self.cycle,
             step_ms: self.step,
-            diastolic_step_ms: 0.0,
+            diastolic_step_ms: FiniteElementSettings::default().diastolic_step_ms,
             tolerance: self.tolerance,
         })
     }

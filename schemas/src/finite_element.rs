@@ -292,11 +292,17 @@ pub struct FiniteElementSettings {
     pub newton: NewtonSettings,
     /// Solver of the linear systems.
     pub linear_solver: LinearSolver,
-    /// Longest time step of late filling, that is after ejection, with the mitral valve open, while
-    /// the pressure changes by less than 0.1 mmHg per millisecond. 0 for no separate limit.
-    #[serde(skip_serializing_if = "crate::absent::is_zero")]
+    /// Longest time step of late filling, that is after ejection, with the mitral valve open and
+    /// four fifths of the volume back, while the pressure changes by less than 0.1 mmHg per
+    /// millisecond. 0 for no separate limit.
     #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
     pub diastolic_step_ms: f64,
+    /// Number of parts into which the mesh is cut, each computed by a thread; 0 for one part per thread or MPI rank. Sums
+    /// follow the parts, so that results are the same to the bit for any number of threads, and for any number of MPI ranks
+    /// that divides it.
+    #[serde(skip_serializing_if = "crate::absent::is_zero_count")]
+    #[schemars(range(min = 0, max = 63))]
+    pub subdomains: u32,
     /// Material, supports and damping of the wall.
     pub wall: WallSettings,
     /// Angles of the fibres.
@@ -321,7 +327,8 @@ impl Default for FiniteElementSettings {
             newton_iterations: 12,
             newton: NewtonSettings::default(),
             linear_solver: LinearSolver::default(),
-            diastolic_step_ms: 0.0,
+            diastolic_step_ms: 8.0,
+            subdomains: 0,
             wall: WallSettings::default(),
             fibres: FibreAngles::default(),
             conduction: ConductionSettings::default(),
@@ -343,6 +350,7 @@ impl FiniteElementSettings {
             wall: self.wall.clone(),
             fibres: self.fibres,
             conduction: self.conduction,
+            subdomains: self.subdomains,
             effects: effects.iter().filter(of_the_law).cloned().collect(),
         }
     }
@@ -355,6 +363,7 @@ impl FiniteElementSettings {
             newton,
             linear_solver,
             diastolic_step_ms,
+            subdomains,
             ..
         } = *self;
         EquationSettings {
@@ -362,6 +371,7 @@ impl FiniteElementSettings {
             newton,
             linear_solver,
             diastolic_step_ms,
+            subdomains,
             potentials: None,
         }
     }
@@ -381,6 +391,9 @@ pub struct AnatomySpec {
     pub fibres: FibreAngles,
     /// Conduction velocities of the activation.
     pub conduction: ConductionSettings,
+    /// Number of parts of the mesh; 0 for one per thread or MPI rank.
+    #[serde(default, skip_serializing_if = "crate::absent::is_zero_count")]
+    pub subdomains: u32,
     /// Effects of the patient's model that change the passive law, such as `passive_stiffening`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
@@ -465,6 +478,9 @@ pub struct EquationSettings {
     /// Longest time step of late filling \[ms\]; 0 for no separate limit.
     #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
     pub diastolic_step_ms: f64,
+    /// Number of parts of the mesh; 0 for one per thread or MPI rank.
+    #[serde(default, skip_serializing_if = "crate::absent::is_zero_count")]
+    pub subdomains: u32,
     /// Conduction velocities of the wave for transmembrane potentials, which are computed after the
     /// beat; absent if no potentials are computed.
     #[serde(default, skip_serializing_if = "Option::is_none")]

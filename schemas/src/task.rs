@@ -47,6 +47,16 @@ pub enum TaskSpec {
 }
 
 impl TaskSpec {
+    /// Number of parts of the mesh that the task asks for; 0 for one per thread or MPI rank.
+    #[must_use]
+    pub fn subdomains(&self) -> u32 {
+        match self {
+            Self::PassiveState(spec) => (spec.finite_element.as_ref()).map_or(0, |f| f.subdomains),
+            Self::OrganBeat(spec) => spec.finite_element.map_or(0, |f| f.subdomains),
+            _ => 0,
+        }
+    }
+
     /// Name of the kind in files and tables.
     #[must_use]
     pub fn kind(&self) -> &'static str {
@@ -83,7 +93,7 @@ impl TaskSpec {
             Self::PassiveState(_) => 8,
             Self::Discover(_) => 8,
             Self::Step1Proposal(_) => 6,
-            Self::OrganBeat(_) => 9,
+            Self::OrganBeat(_) => 10,
             Self::CellFit(_) => 6,
             Self::Step3Proposal(_) => 6,
             Self::Targets(_) | Self::CellSweep(_) => 3,

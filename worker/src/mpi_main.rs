@@ -1,6 +1,6 @@
 //! `cardiotwin-worker-mpi`: executes one task on the ranks of an MPI launcher.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -80,6 +80,12 @@ struct SimulateArgs {
     restart: Option<PathBuf>,
 }
 
+/// Parts of the mesh that a specification asks for. A file that cannot be read is reported by the work.
+fn subdomains(spec: &Path) -> Option<usize> {
+    let parts = read_task(spec).ok()?.subdomains();
+    (parts > 0).then_some(parts as usize)
+}
+
 impl RankProgram for RunArgs {
     fn directory(&self) -> Option<PathBuf> {
         Some(self.directory.clone())
@@ -89,6 +95,10 @@ impl RankProgram for RunArgs {
         let file = self.directory.join("spec.json");
         let spec: AttemptSpec = SPEC.read_order(&file.display(), read(&file)?.as_bytes())?;
         Ok(Some((spec.threads.max(1) as usize, "threads in spec.json")))
+    }
+
+    fn n_subdomains(&self) -> Option<usize> {
+        subdomains(&self.directory.join("spec.json"))
     }
 
     fn lead(&self, team: &Team, stop: &StopFlag) -> anyhow::Result<Option<String>> {
@@ -101,6 +111,10 @@ impl RankProgram for RunArgs {
 impl RankProgram for SimulateArgs {
     fn directory(&self) -> Option<PathBuf> {
         Some(self.out.clone())
+    }
+
+    fn n_subdomains(&self) -> Option<usize> {
+        subdomains(&self.spec)
     }
 
     fn lead(&self, team: &Team, stop: &StopFlag) -> anyhow::Result<Option<String>> {

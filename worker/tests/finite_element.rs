@@ -463,12 +463,11 @@ fn potentials_come_after_the_beat_where_they_are_asked_for() {
 }
 
 fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStateResult) {
-    let usual = beat(state, 800.0);
-    let mut long = usual.clone();
-    long.finite_element
-        .as_mut()
-        .expect("in 3D")
-        .diastolic_step_ms = 8.0;
+    let long = beat(state, 800.0);
+    let mut usual = long.clone();
+    let of_usual = usual.finite_element.as_mut().expect("in 3D");
+    assert_eq!(of_usual.diastolic_step_ms, 8.0, "the default");
+    of_usual.diastolic_step_ms = 0.0;
     let nodal = |name: &str, spec: &OrganBeatSpec| {
         let own = folder.join(name);
         std::fs::create_dir(&own).unwrap();
@@ -483,7 +482,7 @@ fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStat
     };
     let ((want, rows_of_usual), (got, rows)) = (nodal("usual", &usual), nodal("long", &long));
     assert!(
-        got.counters["steps_tried"] < want.counters["steps_tried"] - 20.0,
+        got.counters["steps_tried"] < want.counters["steps_tried"] - 5.0,
         "{:?}",
         got.counters
     );
@@ -496,7 +495,7 @@ fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStat
             .iter()
             .zip(&want_values[n..])
             .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
-        assert!(apart < 0.02, "stretches {apart} apart at {time} ms");
+        assert!(apart < 2e-3, "stretches {apart} apart at {time} ms");
     }
     let off = got.biomarkers.sv_ml.expect("SV") / want.biomarkers.sv_ml.expect("SV") - 1.0;
     assert!(off.abs() < 2e-3, "{off}");

@@ -275,19 +275,31 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(
     spec: &OrganBeatSpec,
 ) {
     // Few steps, because eight ranks on two cores spend most of the time waiting for each other.
+    let settings = FiniteElementSettings {
+        subdomains: 8,
+        ..FiniteElementSettings::default()
+    };
     let task = &TaskSpec::OrganBeat(Box::new(OrganBeatSpec {
         time_step_ms: 10.0,
+        finite_element: Some(settings.equations()),
         ..spec.clone()
     }));
     let by_threads = folder.join("eight-threads");
     fs::create_dir(&by_threads).expect("a folder");
-    result(run_task(task, &mut Context::plain(&by_threads, 8)));
+    // The setting decides, not the number of threads.
+    result(run_task(task, &mut Context::plain(&by_threads, 2)));
     let file = written(folder, task);
     for n_ranks in [1, 2, 4, 8] {
         let by_ranks = folder.join(format!("eight-on-{n_ranks}"));
         let ranks = n_ranks.to_string();
-        let parts = ["--ranks", ranks.as_str(), "--subdomains", "8"];
-        let arguments = [["simulate", text(&file), "--out", text(&by_ranks)], parts].concat();
+        let arguments = [
+            "simulate",
+            text(&file),
+            "--out",
+            text(&by_ranks),
+            "--ranks",
+            &ranks,
+        ];
         let out = output(mpirun(n_ranks, &arguments));
         assert!(out.status.success(), "{}", said(&out));
         result(
@@ -306,7 +318,7 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(
     }
     let refused = output(mpirun(2, &["check", "--ranks", "2", "--subdomains", "3"]));
     assert!(
-        said(&refused).contains("--subdomains 3: expected a multiple of the 2 ranks"),
+        said(&refused).contains("3 subdomains: expected a multiple of the 2 ranks"),
         "{}",
         said(&refused)
     );

@@ -1,7 +1,10 @@
 //! Logging to stderr, as text or as JSON lines.
 
 use clap::ValueEnum;
-use tracing_subscriber::filter::EnvFilter;
+use tracing_subscriber::Layer as _;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// How log lines look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -29,15 +32,21 @@ pub fn start(verbose: u8, quiet: bool, format: LogFormat, colour: bool) {
         ""
     };
     let default = format!("{level},sqlx=warn{events}");
-    let filter =
-        EnvFilter::try_from_env("CARDIOTWIN_LOG").unwrap_or_else(|_| EnvFilter::new(default));
-    let builder = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let said = std::env::var("CARDIOTWIN_LOG").unwrap_or_default();
+    let filter: Targets = [said, default]
+        .iter()
+        .filter(|levels| !levels.is_empty())
+        .find_map(|levels| levels.parse().ok())
+        .unwrap_or_default();
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(colour);
-    // A second start, as in tests, keeps the first subscriber.
-    let _ = match format {
-        LogFormat::Human => builder.try_init(),
-        LogFormat::Json => builder.json().try_init(),
+    let lines = match format {
+        LogFormat::Human => lines.boxed(),
+        LogFormat::Json => lines.json().boxed(),
     };
+    // A second start, as in tests, keeps the first subscriber.
+    let _ = tracing_subscriber::registry()
+        .with(lines.with_filter(filter))
+        .try_init();
 }

@@ -55,10 +55,24 @@ pub fn threads_in_job(
         0 if is_shared && settings.launcher.is_empty() => {
             (mesh_nodes / NODES_PER_THREAD).clamp(1, nodes.cores.max(1))
         }
-        0 if is_shared => ranks_for(mesh_nodes, nodes.cores, nodes.most),
+        0 if is_shared => dividing(
+            solver.finite_element.subdomains,
+            ranks_for(mesh_nodes, nodes.cores, nodes.most),
+        ),
         0 => 1,
         n => n,
     }
+}
+
+/// The largest number of ranks, `most` at most, that shares so many parts of a mesh equally; `most` itself for no parts.
+fn dividing(parts: u32, most: u32) -> u32 {
+    if parts == 0 {
+        return most;
+    }
+    (1..=most.min(parts))
+        .rev()
+        .find(|ranks| parts.is_multiple_of(*ranks))
+        .unwrap_or(1)
 }
 
 /// Number of threads of a task: as set, or all cores for step 0 and a beat on a large mesh, and one
@@ -67,7 +81,13 @@ pub fn threads_in_job(
 pub fn threads(settings: &ExecutorSettings, task: &TaskSpec) -> u32 {
     match settings.threads {
         // In a job, [`threads_in_job`] decides.
-        0 if settings.kind == ExecutorKind::Local && is_large(task) => cores() as u32,
+        0 if settings.kind == ExecutorKind::Local && is_large(task) => {
+            if settings.launcher.is_empty() {
+                cores() as u32
+            } else {
+                dividing(task.subdomains(), cores() as u32)
+            }
+        }
         0 => 1,
         n => n,
     }
@@ -108,4 +128,18 @@ fn is_large(task: &TaskSpec) -> bool {
     figures.nodes >= LARGE_MESH_NODES
         && figures.degrees_of_freedom == 3 * figures.nodes
         && equations.linear_solver.is_parallel()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::dividing;
+
+    #[test]
+    fn ranks_share_the_parts_of_a_mesh_equally() {
+        assert_eq!([dividing(0, 6), dividing(8, 6), dividing(8, 8)], [6, 4, 8]);
+        assert_eq!(
+            [dividing(7, 6), dividing(8, 100), dividing(63, 10)],
+            [1, 8, 9]
+        );
+    }
 }

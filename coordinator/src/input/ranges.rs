@@ -9,7 +9,9 @@ use cardiotwin_schemas::notices::NoticeSettings;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::organ::is_parameter;
 use cardiotwin_schemas::ranges::Ranges;
-use cardiotwin_schemas::settings::{CellFitSettings, Settings, SolverSettings, Step1Settings};
+use cardiotwin_schemas::settings::{
+    CellFitSettings, ExecutorSettings, Settings, SolverSettings, Step1Settings,
+};
 use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::step3::Step3Settings;
 
@@ -40,6 +42,7 @@ pub fn complaints(settings: &Settings) -> Vec<Complaint> {
     list.step3(&settings.step3);
     let executor = &settings.executor;
     list.notices(&executor.notices);
+    list.subdomains(settings.solver.finite_element.subdomains, executor);
     if let Some(umask) = executor.umask.as_ref().filter(|text| !is_mask(text)) {
         let expected = "three or four octal digits with a 0 for the owner, such as \"0077\" or \
                         \"0027\"";
@@ -139,6 +142,20 @@ impl List {
                     "swap them, or freeze the parameter at one value",
                 );
             }
+        }
+    }
+
+    /// Ranks that do not share the parts of the mesh equally.
+    fn subdomains(&mut self, parts: u32, executor: &ExecutorSettings) {
+        let ranks = executor.threads;
+        if parts > 0 && ranks > 0 && !executor.launcher.is_empty() && !parts.is_multiple_of(ranks) {
+            self.add(
+                "solver.finite_element.subdomains",
+                format!("{parts} parts for {ranks} MPI ranks"),
+                "0, or a multiple of executor.threads",
+                "each rank computes as many parts as any other",
+            );
+            self.against("executor.threads".to_owned());
         }
     }
 
@@ -507,6 +524,15 @@ mod tests {
                 .insert("lung".to_owned(), pulling)),
             wall("surface.lung.spring_kPa_per_mm")
         );
+        let on_ranks = |ranks| {
+            move |s: &mut Settings| {
+                s.solver.finite_element.subdomains = 8;
+                s.executor.threads = ranks;
+                s.executor.launcher = vec!["mpirun".to_owned()];
+            }
+        };
+        assert_eq!(keys(on_ranks(3)), ["solver.finite_element.subdomains"]);
+        assert!(keys(on_ranks(4)).is_empty() && keys(on_ranks(0)).is_empty());
         let newton = keys(|s| s.solver.finite_element.newton.smallest_volume_ratio = 1.0);
         assert_eq!(
             newton,

@@ -1,20 +1,47 @@
 //! The method of conjugate gradients, independent of the distribution of its vectors and of the
 //! criterion that ends it.
 
+use std::ops::{Add, Mul, Sub};
+
+/// Entries of the vectors: single or double precision.
+pub trait Entry:
+    Copy + Default + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Into<f64>
+{
+    /// The nearest number.
+    fn nearest(x: f64) -> Self;
+}
+
+impl Entry for f64 {
+    #[inline(always)]
+    fn nearest(x: f64) -> Self {
+        x
+    }
+}
+
+impl Entry for f32 {
+    #[inline(always)]
+    fn nearest(x: f64) -> Self {
+        x as Self
+    }
+}
+
 /// Operations that the conjugate gradients need of a system `A x = b` with a symmetric positive
 /// definite `A`.
 pub trait SymmetricSystem {
+    /// Entries of its vectors.
+    type Number: Entry;
+
     /// Preconditions a residual, `z ≈ A⁻¹ r`.
-    fn precondition(&self, r: &[f64], z: &mut [f64]);
+    fn precondition(&self, r: &[Self::Number], z: &mut [Self::Number]);
 
     /// Multiplies a direction, `q = A p`. Updates the ghosts of `p` first.
-    fn multiply(&self, p: &mut [f64], q: &mut [f64]);
+    fn multiply(&self, p: &mut [Self::Number], q: &mut [Self::Number]);
 
     /// Scalar product `p · q` over all ranks.
-    fn dot(&self, p: &[f64], q: &[f64]) -> f64;
+    fn dot(&self, p: &[Self::Number], q: &[Self::Number]) -> f64;
 
     /// `r · z`, and the size by which the residual is judged.
-    fn measure(&self, r: &[f64], z: &[f64]) -> Measure;
+    fn measure(&self, r: &[Self::Number], z: &[Self::Number]) -> Measure;
 
     /// Whether to use a direction with curvature `p · A p`, where `rz` is `r · z`. The method ends
     /// if not.
@@ -35,23 +62,23 @@ pub struct Measure {
 /// Vectors of the conjugate gradients, all of the same length. They can be reused in any number of
 /// solves.
 #[derive(Debug, Clone)]
-pub struct Directions {
+pub struct Directions<T = f64> {
     /// The residual `b − A x`.
-    pub r: Vec<f64>,
-    z: Vec<f64>,
-    p: Vec<f64>,
-    q: Vec<f64>,
+    pub r: Vec<T>,
+    z: Vec<T>,
+    p: Vec<T>,
+    q: Vec<T>,
 }
 
-impl Directions {
+impl<T: Entry> Directions<T> {
     /// Vectors of length `n`.
     #[must_use]
     pub fn new(n: usize) -> Self {
         Self {
-            r: vec![0.0; n],
-            z: vec![0.0; n],
-            p: vec![0.0; n],
-            q: vec![0.0; n],
+            r: vec![T::default(); n],
+            z: vec![T::default(); n],
+            p: vec![T::default(); n],
+            q: vec![T::default(); n],
         }
     }
 }
@@ -75,13 +102,13 @@ pub struct Ended {
 #[inline]
 pub fn iterate<S: SymmetricSystem + ?Sized>(
     system: &S,
-    x: &mut [f64],
-    directions: &mut Directions,
+    x: &mut [S::Number],
+    directions: &mut Directions<S::Number>,
     max_iterations: usize,
     mut ends: impl FnMut(f64) -> bool,
 ) -> Ended {
     let Directions { r, z, p, q } = directions;
-    p.fill(0.0);
+    p.fill(S::Number::default());
     let (mut rz, mut iterations) = (0.0, 0);
     loop {
         system.precondition(r, z);
@@ -100,18 +127,19 @@ pub fn iterate<S: SymmetricSystem + ?Sized>(
             measure.rz / rz
         };
         rz = measure.rz;
+        let beta = S::Number::nearest(beta);
         for (p, z) in p.iter_mut().zip(&*z) {
-            *p = z + beta * *p;
+            *p = *z + beta * *p;
         }
         system.multiply(p, q);
         let curvature = system.dot(p, q);
         if !system.accepts(curvature, rz) {
             return ended(true);
         }
-        let alpha = rz / curvature;
+        let alpha = S::Number::nearest(rz / curvature);
         for ((x, r), (p, q)) in x.iter_mut().zip(&mut *r).zip(p.iter().zip(&*q)) {
-            *x += alpha * p;
-            *r -= alpha * q;
+            *x = *x + alpha * *p;
+            *r = *r - alpha * *q;
         }
         iterations += 1;
     }
@@ -125,6 +153,8 @@ mod tests {
     struct Jacobi(Csr);
 
     impl SymmetricSystem for Jacobi {
+        type Number = f64;
+
         fn precondition(&self, r: &[f64], z: &mut [f64]) {
             for ((z, r), d) in z.iter_mut().zip(r).zip(self.0.diagonal()) {
                 *z = r / d;

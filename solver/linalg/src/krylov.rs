@@ -1,6 +1,6 @@
 //! Krylov solvers over distributed vectors.
 
-use crate::conjugate_gradients::{Directions, Measure, SymmetricSystem, iterate};
+use crate::conjugate_gradients::{Directions, Entry, Measure, SymmetricSystem, iterate};
 use crate::parallel::VectorLayout;
 use crate::{Operator, Preconditioner};
 
@@ -54,18 +54,18 @@ fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
     }
 }
 
-fn residual(
+fn residual<T: Entry>(
     space: VectorLayout<'_>,
-    a: &dyn Operator,
-    x: &mut [f64],
+    a: &dyn Operator<T>,
+    x: &mut [T],
     b: &[f64],
-    r: &mut [f64],
+    r: &mut [T],
 ) -> f64 {
     a.multiply(space, x, r);
     for (r, b) in r.iter_mut().zip(b).take(space.n_owned()) {
-        *r = b - *r;
+        *r = T::nearest(b - (*r).into());
     }
-    space.norm(r)
+    space.dot(r, r).sqrt()
 }
 
 fn report(
@@ -90,26 +90,28 @@ fn report(
 }
 
 /// `A x = b` with a preconditioner, distributed over the nodes of all ranks.
-struct OnRanks<'a> {
+struct OnRanks<'a, T> {
     space: VectorLayout<'a>,
-    a: &'a dyn Operator,
-    m: &'a dyn Preconditioner,
+    a: &'a dyn Operator<T>,
+    m: &'a dyn Preconditioner<T>,
 }
 
-impl SymmetricSystem for OnRanks<'_> {
-    fn precondition(&self, r: &[f64], z: &mut [f64]) {
+impl<T: Entry> SymmetricSystem for OnRanks<'_, T> {
+    type Number = T;
+
+    fn precondition(&self, r: &[T], z: &mut [T]) {
         self.m.apply(self.space, r, z);
     }
 
-    fn multiply(&self, p: &mut [f64], q: &mut [f64]) {
+    fn multiply(&self, p: &mut [T], q: &mut [T]) {
         self.a.multiply(self.space, p, q);
     }
 
-    fn dot(&self, p: &[f64], q: &[f64]) -> f64 {
+    fn dot(&self, p: &[T], q: &[T]) -> f64 {
         self.space.dot(p, q)
     }
 
-    fn measure(&self, r: &[f64], z: &[f64]) -> Measure {
+    fn measure(&self, r: &[T], z: &[T]) -> Measure {
         // One reduction for both products, because one superfluous application of the
         // preconditioner costs less than a second synchronisation of all ranks.
         let [squared_size, rz] = self.space.dots([(r, r), (r, z)]);
@@ -121,22 +123,24 @@ impl SymmetricSystem for OnRanks<'_> {
     }
 }
 
-/// Conjugate gradients for a symmetric positive definite `a`, starting from `x`. Collective.
-pub fn conjugate_gradients(
+/// Conjugate gradients for a symmetric positive definite `a`, starting from `x`. Vectors of the iteration have the precision of
+/// `a` and `m`; scalar products are in double precision. Collective.
+pub fn conjugate_gradients<T: Entry>(
     space: VectorLayout<'_>,
-    a: &dyn Operator,
-    m: &dyn Preconditioner,
+    a: &dyn Operator<T>,
+    m: &dyn Preconditioner<T>,
     b: &[f64],
     x: &mut [f64],
     settings: &KrylovSettings,
 ) -> KrylovReport {
     let b_norm = space.norm(b).max(f64::MIN_POSITIVE);
     let mut directions = Directions::new(space.len());
-    residual(space, a, x, b, &mut directions.r);
+    let mut solution: Vec<T> = x.iter().map(|x| T::nearest(*x)).collect();
+    residual(space, a, &mut solution, b, &mut directions.r);
     let goal = settings.relative_tolerance * b_norm;
     let ended = iterate(
         &OnRanks { space, a, m },
-        x,
+        &mut solution,
         &mut directions,
         settings.max_iterations,
         |squared| !(squared.sqrt() > goal),
@@ -144,10 +148,13 @@ pub fn conjugate_gradients(
     // The recurrence drifts from the true residual only by rounding, which matters only for a tight
     // tolerance.
     let r_norm = if settings.relative_tolerance < 1e-6 {
-        residual(space, a, x, b, &mut directions.r)
+        residual(space, a, &mut solution, b, &mut directions.r)
     } else {
         ended.squared_size.sqrt()
     };
+    for (x, found) in x.iter_mut().zip(&solution) {
+        *x = (*found).into();
+    }
     let otherwise = if ended.is_indefinite {
         KrylovEnding::Indefinite
     } else {

@@ -50,7 +50,7 @@ pub use krylov::{KrylovEnding, KrylovReport, KrylovSettings, conjugate_gradients
 pub use multigrid::Multigrid;
 pub use operator::Operator;
 pub use pattern::{NO_SLOT, Pattern};
-pub use preconditioner::{BlockJacobi, Preconditioner, SymmetricSweep};
+pub use preconditioner::{BlockJacobi, Preconditioner, SingleBlockJacobi, SymmetricSweep};
 pub use prefetch::prefetch;
 #[cfg(feature = "direct")]
 pub use rigid_levels::{Entries, RigidLevels, WithLevels};

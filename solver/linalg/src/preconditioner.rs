@@ -3,10 +3,10 @@
 use crate::parallel::VectorLayout;
 use crate::{CondensedMatrix, Operator};
 
-/// An approximate inverse of a matrix. It is linear, and it must be symmetric for CG and MINRES.
-pub trait Preconditioner {
+/// An approximate inverse of a matrix for vectors with entries `T`. It is linear, and it must be symmetric for CG and MINRES.
+pub trait Preconditioner<T = f64> {
     /// `z ≈ A⁻¹ r` over owned nodes.
-    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]);
+    fn apply(&self, space: VectorLayout<'_>, r: &[T], z: &mut [T]);
 }
 
 /// Inverse of a 3×3 block. For a singular block it is the identity divided by the mean of the
@@ -54,6 +54,48 @@ impl Preconditioner for BlockJacobi {
         let (z, _) = z.as_chunks_mut::<3>();
         for ((inverse, r), z) in self.inverses.iter().zip(r).zip(z) {
             *z = times(inverse, r);
+        }
+    }
+}
+
+/// [`BlockJacobi`] of a symmetric matrix in single precision: the upper triangles of the inverses, row by row.
+#[derive(Debug, Clone)]
+pub struct SingleBlockJacobi {
+    inverses: Vec<[f32; 6]>,
+}
+
+impl SingleBlockJacobi {
+    /// Inverts the diagonal blocks of `matrix`.
+    #[must_use]
+    pub fn new<T>(matrix: &dyn Operator<T>) -> Self {
+        let upper = |row: usize| {
+            let b = inverse(&matrix.diagonal(row));
+            let mean = |i: usize, j: usize| (0.5 * (b[3 * i + j] + b[3 * j + i])) as f32;
+            [
+                mean(0, 0),
+                mean(0, 1),
+                mean(0, 2),
+                mean(1, 1),
+                mean(1, 2),
+                mean(2, 2),
+            ]
+        };
+        Self {
+            inverses: (0..matrix.n_rows()).map(upper).collect(),
+        }
+    }
+}
+
+impl Preconditioner<f32> for SingleBlockJacobi {
+    fn apply(&self, _space: VectorLayout<'_>, r: &[f32], z: &mut [f32]) {
+        let (r, _) = r.as_chunks::<3>();
+        let (z, _) = z.as_chunks_mut::<3>();
+        for ((b, r), z) in self.inverses.iter().zip(r).zip(z) {
+            *z = [
+                b[0] * r[0] + b[1] * r[1] + b[2] * r[2],
+                b[1] * r[0] + b[3] * r[1] + b[4] * r[2],
+                b[2] * r[0] + b[4] * r[1] + b[5] * r[2],
+            ];
         }
     }
 }

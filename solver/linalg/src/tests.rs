@@ -229,9 +229,8 @@ fn rigid_levels_save_most_iterations_and_survive_a_copy_in_numbers() {
         None
     );
     let solved = |m: &dyn Preconditioner| converged(space, &a, m, &b, 1e-8);
-    let jacobi = BlockJacobi::new(&a);
-    let (many, x) = solved(&jacobi);
-    let levels = &levels;
+    let (many, x) = solved(&BlockJacobi::new(&a));
+    let (jacobi, levels) = (SingleBlockJacobi::new(&a), &levels);
     let (few, y) = solved(&WithLevels { jacobi, levels });
     assert!(5 * few < 2 * many, "{few} {many}");
     let largest = x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));

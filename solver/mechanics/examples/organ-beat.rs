@@ -1,8 +1,8 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release -p cardiotwin-mechanics --example
 //! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic]
 //! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=levels|jacobi|sweep|direct] [static=direct|multigrid]
-//! [tolerance=1e-4] [step=1] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
-//! taken for unloaded. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
+//! [tolerance=1e-4] [step=1] [late=0] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
+//! taken for unloaded. Steps of late filling may be `late` ms long. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
 //! of the passive ring at the base. What a beat is made of: `cardiotwin-dev bench beat --nodes N`.
 
 use std::convert::Infallible;
@@ -182,6 +182,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     })?;
     let settings = BeatSettings {
         step: Ms(argument("step", 1.0)),
+        diastolic_step: Ms(argument("late", 0.0)),
         ..BeatSettings::one_beat(cycle_length)
     };
     let (mut volume_ratio, mut sample) = ([f64::INFINITY, f64::NEG_INFINITY], 0);

@@ -361,11 +361,11 @@ impl Dynamics {
     }
 
     /// Zeroes the held components.
-    pub(crate) fn hold(&self, r: &mut [f64]) {
+    pub(crate) fn hold<T: Default>(&self, r: &mut [T]) {
         for (r, fixed) in r.as_chunks_mut::<3>().0.iter_mut().zip(&self.fixed) {
             for i in 0..3 {
                 if fixed[i] {
-                    r[i] = 0.0;
+                    r[i] = T::default();
                 }
             }
         }
@@ -452,9 +452,15 @@ impl Dynamics {
             ..*at
         };
         let active: Vec<ActivePoint> = active.iter().map(per_shifted).collect();
-        self.body
-            .tangent_in_motion(shifted, moving, &active, deformation, force, tangent);
-        tangent.scale((1.0 - alpha_f) * per_shift);
+        let factor = (1.0 - alpha_f) * per_shift;
+        self.body.tangent_in_motion(
+            shifted,
+            moving,
+            &active,
+            deformation,
+            force,
+            (factor, &mut *tangent),
+        );
         self.add_linear_forces(&candidate.motion, force);
         for support in &self.supports {
             let k = support.spring + support.dashpot * velocity_rate;

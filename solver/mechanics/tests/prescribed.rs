@@ -59,7 +59,7 @@ fn viscous_power_is_viscosity_times_the_squared_rate_of_strain_and_its_tangent_i
         &[],
         &deformation,
         &mut force,
-        &mut tangent,
+        (1.0, &mut tangent),
     );
     let mut d: Vec<f64> = (0..n).map(|k| (1.3 * k as f64).sin()).collect();
     let mut got = vec![0.0; n];

@@ -126,6 +126,8 @@ struct Jacobi<'a> {
 }
 
 impl SymmetricSystem for Jacobi<'_> {
+    type Number = f64;
+
     fn precondition(&self, r: &[f64], z: &mut [f64]) {
         for ((z, r), inverse) in z.iter_mut().zip(r).zip(self.inverse) {
             *z = inverse * r;

@@ -10,6 +10,10 @@ use std::ops::ControlFlow;
 
 /// Change of pressure below which filling is slow \[mmHg/ms\].
 const SLOW_MMHG_PER_MS: f64 = 0.1;
+/// Share of the largest change of volume that is back in late filling, where every biomarker's window is over.
+const RECOVERED: f64 = 0.8;
+/// Share of the largest change of volume that may flow in during one step of late filling.
+const INFLOW: f64 = 0.004;
 
 /// Number of beats of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -37,8 +41,9 @@ pub struct BeatSettings {
     pub beats: Beats,
     /// Time step and output interval.
     pub step: Ms,
-    /// Longest step of late filling: after ejection, with the mitral valve open, as long as pressure changes slowly. Nothing
-    /// shorter than two output intervals has an effect; samples in between are linear.
+    /// Longest step of late filling: after ejection, with the mitral valve open and four fifths of the volume back, as long as
+    /// pressure changes slowly and little flows in during a step. Nothing shorter than two output intervals has an effect;
+    /// samples in between are linear.
     pub diastolic_step: Ms,
     /// Shortest step that failures may cut to.
     pub shortest_step: Ms,
@@ -264,17 +269,32 @@ impl BeatTraces {
         }
     }
 
-    /// Whether the ventricle fills after ejection, and its pressure changes slowly.
-    fn is_filling_slowly(&self) -> bool {
+    /// Longest step \[ms\] that late filling allows after the last sample; zero outside of it.
+    fn late_filling_step_ms(&self) -> f64 {
         let n = self.time_ms.len();
         let (Some(true), Some(false)) = (self.mitral_open.last(), self.aortic_open.last()) else {
-            return false;
+            return 0.0;
         };
-        let [.., before, last] = self.pressure_mmhg[..] else {
-            return false;
+        let ([.., before, last], Some(inflow)) =
+            (&self.pressure_mmhg[..], self.net_inflow_ml_per_s.last())
+        else {
+            return 0.0;
         };
         let rate = (last - before) / (self.time_ms[n - 1] - self.time_ms[n - 2]);
-        rate.abs() <= SLOW_MMHG_PER_MS && self.aortic_open.contains(&true)
+        let extremes = |(low, high): (f64, f64), v: &f64| (v.min(low), v.max(high));
+        let (low, high) = self
+            .volume_ml
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), extremes);
+        let recovered = self.volume_ml[n - 1] - low;
+        let is_late = rate.abs() <= SLOW_MMHG_PER_MS
+            && recovered >= RECOVERED * (high - low)
+            && self.aortic_open.contains(&true);
+        if is_late {
+            1e3 * INFLOW * (high - low) / inflow.abs().max(f64::MIN_POSITIVE)
+        } else {
+            0.0
+        }
     }
 
     /// Samples between the last two, at these times: linear, with the valves of the sample before.
@@ -434,9 +454,6 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
     let length = settings.cycle_length.0;
     // A last interval shorter than a thousandth of a step is round-off of the cycle length.
     let n_intervals = (length / settings.step.0 - 1e-3).ceil().max(1.0) as usize;
-    let n_per_diastolic_step = (settings.diastolic_step.0 / settings.step.0 + 1e-9)
-        .floor()
-        .max(1.0) as usize;
     let (limit, tolerance) = match settings.beats {
         Beats::Exactly(n) => (n.max(1), None),
         Beats::UntilPeriodic {
@@ -475,8 +492,10 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
     });
     loop {
         while now.intervals < n_intervals {
-            let stride = if now.traces.is_filling_slowly() {
-                n_per_diastolic_step
+            let stride = if settings.diastolic_step.0 > settings.step.0 {
+                let longest = now.traces.late_filling_step_ms();
+                let longest = longest.min(settings.diastolic_step.0);
+                (longest / settings.step.0 + 1e-9).floor().max(1.0) as usize
             } else {
                 1
             };

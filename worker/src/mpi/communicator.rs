@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use cardiotwin_linalg::parallel::{Communicator, Layout};
+use cardiotwin_linalg::parallel::{Communicator, Layout, NodalValues};
 use mpi::Tag;
 use mpi::point_to_point::Message;
 use mpi::request::{Request, Scope, scope};
@@ -268,8 +268,7 @@ impl Communicator for MpiRank {
         self.take_from_rank_0(Wait::Order, values);
     }
 
-    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
-        let of = |node: u32| node as usize * width..(node as usize + 1) * width;
+    fn exchange(&self, layout: &Layout, width: usize, mut values: NodalValues<'_>) {
         let mut letters = self.letters.lock().unwrap_or_else(PoisonError::into_inner);
         let [out, into] = &mut *letters;
         for letters in [&mut *out, &mut *into] {
@@ -277,10 +276,7 @@ impl Communicator for MpiRank {
         }
         for ((neighbour, out), into) in layout.neighbours.iter().zip(&mut *out).zip(&mut *into) {
             out.clear();
-            neighbour
-                .send
-                .iter()
-                .for_each(|node| out.extend_from_slice(&values[of(*node)]));
+            values.read(&neighbour.send, width, out);
             into.resize(neighbour.receive.len() * width, 0.0);
         }
         scope(|scope| {
@@ -312,9 +308,7 @@ impl Communicator for MpiRank {
                 .for_each(|(rank, request)| self.done(Wait::For("a halo", rank), request));
         });
         for (neighbour, into) in layout.neighbours.iter().zip(&*into) {
-            for (node, value) in neighbour.receive.iter().zip(into.chunks_exact(width)) {
-                values[of(*node)].copy_from_slice(value);
-            }
+            values.write(&neighbour.receive, width, into);
         }
     }
 

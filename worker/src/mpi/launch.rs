@@ -28,8 +28,9 @@ pub struct Ranks {
     /// Required number of ranks [default: CARDIOTWIN_RANKS, else with `run` the `threads` of spec.json]
     #[arg(long, value_name = "N")]
     ranks: Option<usize>,
-    /// Number of parts of the mesh, a multiple of the number of ranks [default: one part per rank]. Each rank computes its
-    /// parts on threads. Sums follow the parts, so a beat is the same to the bit on any number of ranks and on as many threads
+    /// Number of parts of the mesh, a multiple of the number of ranks [default: `subdomains` of the task's specification, else
+    /// one part per rank]. Each rank computes its parts on threads. Sums follow the parts, so a beat is the same to the bit on
+    /// any number of ranks and on as many threads
     #[arg(long, value_name = "S")]
     subdomains: Option<usize>,
     /// Time that a rank waits for another before it ends all ranks
@@ -51,6 +52,11 @@ pub trait RankProgram: Sync {
     /// If the file with the number cannot be read.
     fn n_ranks(&self) -> anyhow::Result<Option<(usize, &'static str)>> {
         Ok(None)
+    }
+
+    /// Number of parts of the mesh that the work itself requests. [`Ranks`] takes precedence.
+    fn n_subdomains(&self) -> Option<usize> {
+        None
     }
 
     /// Work of rank 0; returns the failure if the outcome reports one.
@@ -77,7 +83,9 @@ pub trait RankProgram: Sync {
 /// Runs `program` on the ranks of the launcher that started this process.
 pub fn run_on_ranks(ranks: &Ranks, program: &impl RankProgram) -> ExitCode {
     let said_by_work = || program.n_ranks();
-    on_ranks(ranks, program.directory(), said_by_work, |k, launched| {
+    let parts = ranks.subdomains.or_else(|| program.n_subdomains());
+    let directory = program.directory();
+    on_ranks((ranks, parts), directory, said_by_work, |k, launched| {
         let team = launched.team(k).that_knows_its_nodes();
         let help = |team: &Team| {
             if let Err(error) = program.follow(team) {
@@ -116,7 +124,7 @@ pub fn run_on_ranks(ranks: &Ranks, program: &impl RankProgram) -> ExitCode {
 /// Checks launcher and network on all ranks; `fault` lets one of them fail.
 pub fn check_ranks(ranks: &Ranks, fault: Option<Fault>, json: bool) -> ExitCode {
     on_ranks(
-        ranks,
+        (ranks, ranks.subdomains),
         None,
         || Ok(None),
         |k, launched| {
@@ -156,14 +164,14 @@ impl Launched {
 
 /// Initialises MPI and calls `work` on each thread of this process that computes a part of the mesh.
 fn on_ranks(
-    ranks: &Ranks,
+    (ranks, parts): (&Ranks, Option<usize>),
     directory: Option<PathBuf>,
     said_by_work: impl FnOnce() -> anyhow::Result<Option<(usize, &'static str)>>,
     work: impl Fn(usize, &Launched) -> ExitCode + Sync,
 ) -> ExitCode {
     // If the launcher is killed, its ranks must not stay behind and wait for each other.
     let _ = rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL));
-    let threading = if ranks.subdomains.is_some() {
+    let threading = if parts.is_some() {
         Threading::Multiple
     } else {
         Threading::Funneled
@@ -177,7 +185,7 @@ fn on_ranks(
         universe.world().size() as usize,
     );
     let per_process = match expected(ranks, said_by_work, n_ranks)
-        .and_then(|()| shared(ranks, n_ranks, provided))
+        .and_then(|()| shared(parts, n_ranks, provided))
     {
         Ok(per_process) => per_process,
         Err(error) => {
@@ -216,18 +224,19 @@ fn on_ranks(
 }
 
 /// Parts of the mesh in each process.
-fn shared(ranks: &Ranks, n_ranks: usize, provided: Threading) -> anyhow::Result<usize> {
-    let Some(parts) = ranks.subdomains else {
+fn shared(parts: Option<usize>, n_ranks: usize, provided: Threading) -> anyhow::Result<usize> {
+    let Some(parts) = parts else {
         return Ok(1);
     };
     anyhow::ensure!(
         parts > 0 && parts.is_multiple_of(n_ranks) && parts <= MOST_SHARING,
-        "--subdomains {parts}: expected a multiple of the {n_ranks} ranks, {} at most",
+        "{parts} subdomains: expected a multiple of the {n_ranks} ranks, {} at most; set executor.threads, --subdomains or \
+         solver.finite_element.subdomains to match",
         MOST_SHARING
     );
     anyhow::ensure!(
         parts == n_ranks || provided == Threading::Multiple,
-        "--subdomains {parts}: this MPI serves one thread of a process only (it provides {provided:?}); use as many ranks"
+        "{parts} subdomains: this MPI serves one thread of a process only (it provides {provided:?}); use as many ranks"
     );
     Ok(parts / n_ranks)
 }

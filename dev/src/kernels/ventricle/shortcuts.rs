@@ -13,8 +13,10 @@ use super::measure::{Beat, beat};
 use super::subject::Subject;
 use cardiotwin_worker::stop::StopFlag;
 
-/// Relative tolerance of the tight run.
+/// Relative tolerance of the tight run with a factorised tangent.
 const TIGHT: f64 = 1e-8;
+/// Relative tolerance of the tight run on meshes whose tangent is not factorised.
+const TIGHT_BY_ITERATION: f64 = 1e-6;
 
 /// One way to run the beat.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -55,137 +57,146 @@ fn off(found: &Biomarkers, tight: &Biomarkers) -> [Option<f64>; 5] {
     REPORTED.map(|biomarker| Some(100.0 * (found.get(biomarker)? / tight.get(biomarker)? - 1.0)))
 }
 
-/// Name, settings, time step and late-filling step (both as multiples of the default step), and
-/// whether the solver's state is discarded after each step.
-type Way = (&'static str, StepSettings, [f64; 2], bool);
+/// Longest step of late filling.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum LateFilling {
+    /// As the benchmark has it, which is a cohort's default.
+    Usual,
+    /// So many times as long as other steps.
+    Times(f64),
+}
 
-fn ways(tolerance: f64) -> Vec<Way> {
+/// A way to run the beat.
+struct Way {
+    name: &'static str,
+    settings: StepSettings,
+    /// Length of a step as a multiple of the usual one.
+    step: f64,
+    late_filling: LateFilling,
+    /// Whether the solver's state is discarded after each step.
+    forgets: bool,
+}
+
+/// Number of nodes up to which the tangent is factorised.
+const FACTORISED: usize = 20_000;
+
+fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
     let usual = StepSettings {
         relative_tolerance: tolerance,
         ..StepSettings::default()
     };
-    let tight = StepSettings {
-        relative_tolerance: TIGHT,
-        linear: LinearSolver::Direct,
-        max_iterations: 40,
-        ..usual
+    let way = |name, settings| Way {
+        name,
+        settings,
+        step: 1.0,
+        late_filling: LateFilling::Usual,
+        forgets: false,
     };
-    vec![
-        (
+    let tight = if nodes > FACTORISED {
+        let settings = StepSettings {
+            relative_tolerance: TIGHT_BY_ITERATION,
+            linear: LinearSolver::BlockJacobi,
+            ..usual
+        };
+        way(
+            "tight: tolerance 1e-6, single precision, block Jacobi",
+            settings,
+        )
+    } else {
+        let settings = StepSettings {
+            relative_tolerance: TIGHT,
+            linear: LinearSolver::Direct,
+            max_iterations: 40,
+            ..usual
+        };
+        way(
             "tight: tolerance 1e-8, double precision, factorised",
-            tight,
-            [1.0, 0.0],
-            false,
-        ),
-        ("default", usual, [1.0, 0.0], false),
-        (
-            "Newton's tolerance 1e-6",
-            StepSettings {
-                relative_tolerance: 1e-6,
-                ..usual
-            },
-            [1.0, 0.0],
-            false,
-        ),
-        (
+            settings,
+        )
+    };
+    let late = |name, times| Way {
+        late_filling: LateFilling::Times(times),
+        ..way(name, usual)
+    };
+    let mut ways = vec![
+        Way {
+            late_filling: LateFilling::Times(1.0),
+            ..tight
+        },
+        way("default", usual),
+        late("steps of late filling as long as any other", 1.0),
+        late("steps of late filling twice as long", 2.0),
+        late("steps of late filling sixteen times as long", 16.0),
+        way(
             "Newton's tolerance 1e-3",
             StepSettings {
                 relative_tolerance: 1e-3,
                 ..usual
             },
-            [1.0, 0.0],
-            false,
         ),
-        (
-            "no predictor",
-            StepSettings {
-                extrapolate: false,
-                ..usual
-            },
-            [1.0, 0.0],
-            false,
-        ),
-        (
+        way(
             "no guess from recent corrections",
             StepSettings {
                 kept_corrections: 0,
                 ..usual
             },
-            [1.0, 0.0],
-            false,
         ),
-        (
-            "block Jacobi alone, without levels of rigid motions",
+        way(
+            "single precision, no levels of rigid motions",
             StepSettings {
                 linear: LinearSolver::BlockJacobi,
                 ..usual
             },
-            [1.0, 0.0],
-            false,
         ),
-        (
-            "solves begin at zero, not at the last response",
-            usual,
-            [1.0, 0.0],
-            true,
-        ),
-        (
-            "matrix in double precision, symmetric sweep",
-            StepSettings {
-                linear: LinearSolver::SymmetricSweep,
-                ..usual
+        Way {
+            step: 2.0,
+            ..way("steps twice as long", usual)
+        },
+    ];
+    if nodes <= FACTORISED {
+        ways.extend([
+            way(
+                "Newton's tolerance 1e-6",
+                StepSettings {
+                    relative_tolerance: 1e-6,
+                    ..usual
+                },
+            ),
+            way(
+                "no predictor",
+                StepSettings {
+                    extrapolate: false,
+                    ..usual
+                },
+            ),
+            Way {
+                forgets: true,
+                ..way("solves begin at zero, not at the last response", usual)
             },
-            [1.0, 0.0],
-            false,
-        ),
-        (
-            "multigrid",
-            StepSettings {
-                linear: LinearSolver::Multigrid,
-                ..usual
-            },
-            [1.0, 0.0],
-            false,
-        ),
-        (
-            "factorised, kept while it serves",
-            StepSettings {
-                linear: LinearSolver::Direct,
-                ..usual
-            },
-            [1.0, 0.0],
-            false,
-        ),
-        (
-            "factorised anew each iteration",
-            StepSettings {
-                linear: LinearSolver::Direct,
-                keep_until: 1,
-                ..usual
-            },
-            [1.0, 0.0],
-            false,
-        ),
-        ("steps twice as long", usual, [2.0, 0.0], false),
-        (
-            "steps of late filling twice as long",
-            usual,
-            [1.0, 2.0],
-            false,
-        ),
-        (
-            "steps of late filling four times as long",
-            usual,
-            [1.0, 4.0],
-            false,
-        ),
-        (
-            "steps of late filling eight times as long",
-            usual,
-            [1.0, 8.0],
-            false,
-        ),
-    ]
+            way(
+                "matrix in double precision, symmetric sweep",
+                StepSettings {
+                    linear: LinearSolver::SymmetricSweep,
+                    ..usual
+                },
+            ),
+            way(
+                "multigrid",
+                StepSettings {
+                    linear: LinearSolver::Multigrid,
+                    ..usual
+                },
+            ),
+            way(
+                "factorised, kept while it serves",
+                StepSettings {
+                    linear: LinearSolver::Direct,
+                    ..usual
+                },
+            ),
+        ]);
+    }
+    ways
 }
 
 /// Runs the beats one after the other.
@@ -206,11 +217,15 @@ pub fn shortcuts(
         &mut report,
     )?;
     let mut rows: Vec<Shortcut> = vec![];
-    for (name, settings, [longer, of_filling], forgets) in ways(bench.tolerance) {
+    for way in ways(bench.tolerance, subject.nodes) {
+        let Way { name, settings, .. } = way;
         report(name);
-        let diastolic_step_ms = of_filling * bench.step_ms;
+        let diastolic_step_ms = match way.late_filling {
+            LateFilling::Usual => bench.diastolic_step_ms,
+            LateFilling::Times(times) => times * bench.step_ms,
+        };
         let bench = VentricleBench {
-            step_ms: longer * bench.step_ms,
+            step_ms: way.step * bench.step_ms,
             diastolic_step_ms,
             ..*bench
         };
@@ -226,7 +241,7 @@ pub fn shortcuts(
             biomarkers,
             ..
         } = beat(&subject, &bench, settings, ranks, stop, |ventricle, _| {
-            if forgets {
+            if way.forgets {
                 ventricle.forget_solver();
             }
         })?;

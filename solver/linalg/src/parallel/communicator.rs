@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::Layout;
+use super::{Layout, NodalValues};
 
 /// Global operations of a group of ranks. Every operation is collective: all ranks call it in the
 /// same order. Reductions give the same bits on every rank. If a rank has failed and left the
@@ -35,7 +35,17 @@ pub trait Communicator: std::fmt::Debug + Send + Sync {
     }
 
     /// Copies owned values, `width` per node, to the ranks that hold the nodes as ghosts.
-    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]);
+    fn exchange(&self, layout: &Layout, width: usize, values: NodalValues<'_>);
+
+    /// [`Self::exchange`] in double precision.
+    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
+        self.exchange(layout, width, NodalValues::Double(values));
+    }
+
+    /// [`Self::exchange`] in single precision.
+    fn update_ghosts_single(&self, layout: &Layout, width: usize, values: &mut [f32]) {
+        self.exchange(layout, width, NodalValues::Single(values));
+    }
 
     /// Values of all ranks in the order of ranks, on rank 0; `None` on other ranks.
     fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>>;
@@ -75,8 +85,8 @@ impl<C: Communicator + ?Sized> Communicator for Arc<C> {
         (**self).order(values);
     }
 
-    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
-        (**self).update_ghosts(layout, width, values);
+    fn exchange(&self, layout: &Layout, width: usize, values: NodalValues<'_>) {
+        (**self).exchange(layout, width, values);
     }
 
     fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>> {
@@ -107,7 +117,7 @@ impl Communicator for SingleProcess {
 
     fn broadcast(&self, _values: &mut [f64]) {}
 
-    fn update_ghosts(&self, layout: &Layout, _width: usize, _values: &mut [f64]) {
+    fn exchange(&self, layout: &Layout, _width: usize, _values: NodalValues<'_>) {
         debug_assert!(
             layout.neighbours.is_empty(),
             "a single process has no neighbours"

@@ -5,6 +5,7 @@ mod agreement;
 mod communicator;
 mod layout;
 mod message;
+mod nodal_values;
 mod part;
 #[cfg(feature = "metis")]
 mod partition;
@@ -16,6 +17,7 @@ pub use agreement::{Disagreement, agree};
 pub use communicator::{Communicator, SingleProcess};
 pub use layout::{Layout, Neighbour};
 pub use message::{MessageReader, MessageWriter};
+pub use nodal_values::NodalValues;
 pub use part::Part;
 #[cfg(feature = "metis")]
 pub use partition::{CutFigures, PartitionError, figures as cut_figures, owners};

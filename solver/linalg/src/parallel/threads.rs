@@ -18,7 +18,7 @@ use std::thread::JoinHandle;
 // A length of time, not a clock.
 use core::time::Duration;
 
-use super::{Communicator, Layout};
+use super::{Communicator, Layout, NodalValues};
 
 /// Number of values in a post; longer lists take several posts.
 const POST: usize = 16;
@@ -355,21 +355,15 @@ impl Communicator for ThreadRank {
         self.broadcast_within(values, None);
     }
 
-    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
-        let of = |node: u32| node as usize * width..(node as usize + 1) * width;
+    fn exchange(&self, layout: &Layout, width: usize, mut values: NodalValues<'_>) {
         for neighbour in &layout.neighbours {
             self.send(neighbour.rank, |letter| {
-                neighbour
-                    .send
-                    .iter()
-                    .for_each(|node| letter.extend_from_slice(&values[of(*node)]));
+                values.read(&neighbour.send, width, letter);
             });
         }
         for neighbour in &layout.neighbours {
             self.receive(neighbour.rank, |letter| {
-                for (node, value) in neighbour.receive.iter().zip(letter.chunks_exact(width)) {
-                    values[of(*node)].copy_from_slice(value);
-                }
+                values.write(&neighbour.receive, width, letter);
             });
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::{Communicator, Layout};
+use super::{Communicator, Layout, NodalValues};
 
 /// Number and size of the messages of a rank.
 #[derive(Debug, Default)]
@@ -75,7 +75,7 @@ impl<C: Communicator + ?Sized> Communicator for Counted<C> {
         self.inner.order(values);
     }
 
-    fn update_ghosts(&self, layout: &Layout, width: usize, values: &mut [f64]) {
+    fn exchange(&self, layout: &Layout, width: usize, values: NodalValues<'_>) {
         let sent: usize = layout
             .neighbours
             .iter()
@@ -87,7 +87,7 @@ impl<C: Communicator + ?Sized> Communicator for Counted<C> {
         self.traffic
             .halo_bytes
             .fetch_add((8 * width * sent) as u64, Ordering::Relaxed);
-        self.inner.update_ghosts(layout, width, values);
+        self.inner.exchange(layout, width, values);
     }
 
     fn gather(&self, values: &[f64]) -> Option<Vec<Vec<f64>>> {

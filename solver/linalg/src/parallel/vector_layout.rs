@@ -32,7 +32,7 @@ impl VectorLayout<'_> {
 
     /// Scalar product over all ranks. Collective.
     #[must_use]
-    pub fn dot(&self, a: &[f64], b: &[f64]) -> f64 {
+    pub fn dot<T: Copy + Into<f64>>(&self, a: &[T], b: &[T]) -> f64 {
         let mut sum = [self.own_dot(a, b)];
         self.comm.sum(&mut sum);
         sum[0]
@@ -47,7 +47,7 @@ impl VectorLayout<'_> {
 
     /// Several scalar products over all ranks in one reduction. Collective.
     #[must_use]
-    pub fn dots<const N: usize>(&self, pairs: [(&[f64], &[f64]); N]) -> [f64; N] {
+    pub fn dots<T: Copy + Into<f64>, const N: usize>(&self, pairs: [(&[T], &[T]); N]) -> [f64; N] {
         let mut sums = pairs.map(|(a, b)| self.own_dot(a, b));
         self.comm.sum(&mut sums);
         sums
@@ -62,6 +62,11 @@ impl VectorLayout<'_> {
     /// Updates ghosts with their owners' values. Collective.
     pub fn update(&self, values: &mut [f64]) {
         self.comm.update_ghosts(self.layout, 3, values);
+    }
+
+    /// [`Self::update`] in single precision.
+    pub fn update_single(&self, values: &mut [f32]) {
+        self.comm.update_ghosts_single(self.layout, 3, values);
     }
 }
 

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::bisection::Groups;
 use super::entries::Entries;
 use super::motion::{Block6, Six, cross};
+use crate::conjugate_gradients::Entry;
 
 /// The rigid motions' displacement of a point: three columns are the unit vectors, three are these.
 fn rotations([x, y, z]: [f64; 3]) -> [[f64; 3]; 3] {
@@ -23,7 +24,7 @@ fn times_motions(block: &[[f64; 3]; 3], rotations: &[[f64; 3]; 3]) -> [Six; 3] {
 }
 
 /// Force and moment about the origin of a force at `x`.
-pub(super) fn moment_of(x: [f64; 3], f: [f64; 3]) -> Six {
+pub(super) fn moment_of<T: Entry>(x: [T; 3], f: [T; 3]) -> [T; 6] {
     let m = cross(x, f);
     [f[0], f[1], f[2], m[0], m[1], m[2]]
 }

@@ -22,7 +22,7 @@ pub use self::entries::Entries;
 use self::galerkin::{moment_of, stiffness};
 use self::motion::{Block6, Six, moment_about, motion_about_origin, stiffness_about};
 use crate::parallel::{Communicator, VectorLayout};
-use crate::{BlockJacobi, Preconditioner};
+use crate::{Preconditioner, SingleBlockJacobi};
 
 /// Numbers of nodes in groups that move by themselves.
 const ALONE: [usize; 2] = [16, 64];
@@ -46,7 +46,7 @@ pub struct RigidLevels {
     groups: Groups,
     /// Finest group of each own node, and its position.
     group: Vec<u32>,
-    points: Vec<[f64; 3]>,
+    points: Vec<[f32; 3]>,
     alone: Vec<Alone>,
     coarse: Option<Coarse>,
 }
@@ -102,7 +102,7 @@ impl RigidLevels {
         let per_mm = per_mm(comm, &groups, last, points, &centres);
         Self {
             group: groups.of_nodes(0),
-            points: points[..space.layout.n_owned].to_vec(),
+            points: single(&points[..space.layout.n_owned]),
             alone,
             coarse: Coarse::new(comm, centres, per_mm, &stiffness.pairs),
             groups,
@@ -110,7 +110,7 @@ impl RigidLevels {
     }
 
     /// `z +=` the levels' share of the solution for `r`, over own nodes. Collective.
-    pub fn add(&self, comm: &dyn Communicator, r: &[f64], z: &mut [f64]) {
+    pub fn add(&self, comm: &dyn Communicator, r: &[f32], z: &mut [f32]) {
         let n = self.points.len();
         let last = self.groups.parents.len();
         let mut forces: Vec<Vec<Six>> = (0..=last)
@@ -122,7 +122,7 @@ impl RigidLevels {
             .zip(&self.group)
         {
             let (to, from) = (&mut forces[0][*group as usize], moment_of(*x, *f));
-            (0..6).for_each(|i| to[i] += from[i]);
+            (0..6).for_each(|i| to[i] += f64::from(from[i]));
         }
         for level in 0..last {
             let (below, above) = forces.split_at_mut(level + 1);
@@ -158,7 +158,7 @@ impl RigidLevels {
             .zip(&self.points)
             .zip(&self.group)
         {
-            let m = &motions[*group as usize];
+            let m = motions[*group as usize].map(|x| x as f32);
             z[0] += m[0] + m[4] * w - m[5] * y;
             z[1] += m[1] + m[5] * x - m[3] * w;
             z[2] += m[2] + m[3] * y - m[4] * x;
@@ -168,7 +168,8 @@ impl RigidLevels {
     /// This rank's part in numbers, for [`Self::from_numbers`].
     #[must_use]
     pub fn numbers(&self) -> Vec<f64> {
-        let mut numbers = self.points.as_flattened().to_vec();
+        let points = self.points.as_flattened().iter();
+        let mut numbers: Vec<f64> = points.map(|x| f64::from(*x)).collect();
         for Alone { centres, inverses } in &self.alone {
             numbers.extend(centres.as_flattened());
             numbers.extend(inverses.as_flattened());
@@ -198,7 +199,7 @@ impl RigidLevels {
         }
         Some(Self {
             group: groups.of_nodes(0),
-            points: points.as_chunks().0.to_vec(),
+            points: single(points.as_chunks().0),
             alone,
             coarse: Coarse::from_numbers(rest),
             groups,
@@ -206,19 +207,34 @@ impl RigidLevels {
     }
 }
 
+fn single(points: &[[f64; 3]]) -> Vec<[f32; 3]> {
+    points.iter().map(|x| x.map(|x| x as f32)).collect()
+}
+
 /// Block Jacobi and the levels together.
 #[derive(Debug)]
 pub struct WithLevels<'a> {
     /// The nodes by themselves.
-    pub jacobi: BlockJacobi,
+    pub jacobi: SingleBlockJacobi,
     /// The groups.
     pub levels: &'a RigidLevels,
 }
 
-impl Preconditioner for WithLevels<'_> {
-    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
+impl Preconditioner<f32> for WithLevels<'_> {
+    fn apply(&self, space: VectorLayout<'_>, r: &[f32], z: &mut [f32]) {
         self.jacobi.apply(space, r, z);
         self.levels.add(space.comm, r, z);
+    }
+}
+
+impl Preconditioner for WithLevels<'_> {
+    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
+        let r: Vec<f32> = r.iter().map(|x| *x as f32).collect();
+        let mut found = vec![0.0_f32; z.len()];
+        self.apply(space, &r, &mut found);
+        for (z, found) in z.iter_mut().zip(found) {
+            *z = f64::from(found);
+        }
     }
 }
 

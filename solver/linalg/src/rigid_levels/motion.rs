@@ -1,12 +1,14 @@
 //! Rigid motions of groups of nodes. A motion is a translation \[mm\] and a rotation, and its dual a force and a moment, about the
 //! origin or about a group's centre.
 
+use crate::conjugate_gradients::Entry;
+
 /// Six numbers: a translation and a rotation, or a force and a moment.
 pub(super) type Six = [f64; 6];
 /// A 6×6 matrix, row-major.
 pub(super) type Block6 = [f64; 36];
 
-pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(super) fn cross<T: Entry>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],

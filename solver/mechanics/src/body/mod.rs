@@ -326,6 +326,7 @@ impl Body {
             nodal_pressure: deformation,
             active,
             motion: Moving::default(),
+            stiffness_factor: 1.0,
         }
     }
 
@@ -355,23 +356,9 @@ impl Body {
 
     /// Computes the squared fibre stretch `C₁₁` alone, at a `displacement` other than that of the internal forces.
     pub fn stretch(&self, displacement: &[f64], out: &mut Vec<Eight>) {
-        // The volume ratios come along and are dropped.
-        let mut points = Deformation {
-            squared_stretch: std::mem::take(out),
-            ..Deformation::default()
-        };
-        points
-            .volume_ratio
-            .resize(self.n_point_batches(), [1.0; BATCH]);
-        points
-            .squared_stretch
-            .resize(self.n_point_batches(), [1.0; BATCH]);
-        self.elements.volumes(
-            &self.pass(displacement, &[], &[]),
-            &mut points,
-            &mut vec![0.0; self.vertices.len()],
-        );
-        *out = points.squared_stretch;
+        out.resize(self.n_point_batches(), [1.0; BATCH]);
+        self.elements
+            .squared_stretches(&self.pass(displacement, &[], &[]), out);
     }
 
     /// Lumped mass of each node \[mg\]; complete on owned nodes only.
@@ -491,12 +478,12 @@ impl Body {
             active,
             deformation,
             force,
-            tangent,
+            (1.0, tangent),
         );
     }
 
-    /// As [`Self::tangent`], with viscous stress; the velocity comes with its derivative `∂v/∂u` \[1/ms\]. The viscous part of
-    /// the tangent is exact at zero velocity (see [`crate::element::kernel::element`]).
+    /// As [`Self::tangent`], with viscous stress and a factor of the tangent; the velocity comes with its derivative `∂v/∂u`
+    /// \[1/ms\]. The viscous part of the tangent is exact at zero velocity (see [`crate::element::kernel::element`]).
     pub fn tangent_in_motion(
         &self,
         displacement: &[f64],
@@ -504,15 +491,16 @@ impl Body {
         active: &[ActivePoint],
         deformation: &Deformation,
         force: &mut [f64],
-        tangent: &mut dyn Assembled,
+        (factor, tangent): (f64, &mut dyn Assembled),
     ) {
-        tangent.clear(&deformation.nodal_slope);
+        tangent.clear(&mut deformation.nodal_slope.iter().map(|d| factor * d));
         let mut pass = self.pass(displacement, active, &deformation.nodal_pressure);
         pass.motion = Moving {
             velocity,
             viscosity_kpa_ms: &self.viscosity_kpa_ms,
             velocity_rate_per_ms,
         };
+        pass.stiffness_factor = factor;
         self.elements.tangent(&pass, force, tangent.sink());
     }
 }

@@ -7,7 +7,8 @@ use super::Deformation;
 use super::transpose::Shuffle;
 use crate::element::batch::{Batch, vertex_values};
 use crate::element::kernel::{
-    ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, volume_and_stretch,
+    ActivePoint, Gathered, Scratch, Viscous, VolumeChange, element, pair, squared_stretch,
+    volume_and_stretch,
 };
 use crate::element::{BATCH, Eight};
 use crate::linear::{PackedBlock, PackedTangent, PackedVolume, Sink};
@@ -24,6 +25,8 @@ pub(super) struct Pass<'a> {
     pub nodal_pressure: &'a [f64],
     pub active: &'a [ActivePoint],
     pub motion: Moving<'a>,
+    /// Factor of the stiffness, and of nothing else.
+    pub stiffness_factor: f64,
 }
 
 /// Velocity data of viscous tissue.
@@ -54,6 +57,7 @@ pub(super) trait Elements: Send + Sync {
     fn n_batches(&self) -> usize;
     fn n_points(&self) -> usize;
     fn volumes(&self, pass: &Pass<'_>, out: &mut Deformation, vertex_volume: &mut [f64]);
+    fn squared_stretches(&self, pass: &Pass<'_>, out: &mut [Eight]);
     fn forces(&self, pass: &Pass<'_>, force: &mut [f64]);
     fn tangent(&self, pass: &Pass<'_>, force: &mut [f64], tangent: Sink<'_>);
     fn lanes(&self, batch: usize) -> (usize, &[u32; BATCH]);
@@ -180,6 +184,25 @@ impl<const N: usize, const Q: usize> WithSimd for Volumes<'_, N, Q> {
     }
 }
 
+struct SquaredStretches<'a, const N: usize, const Q: usize>(
+    &'a Field<N, Q>,
+    &'a Pass<'a>,
+    &'a mut [Eight],
+);
+
+impl<const N: usize, const Q: usize> WithSimd for SquaredStretches<'_, N, Q> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self(field, pass, out) = self;
+        let mut input = Gathered::<N>::zeros();
+        for (batch, c11) in field.batches.iter().zip(out.as_chunks_mut::<Q>().0) {
+            Field::gather(batch, pass, &mut input);
+            squared_stretch(simd, batch, &input.x, c11);
+        }
+    }
+}
+
 struct Assembly<'a, const N: usize, const Q: usize, const TANGENT: bool>(
     &'a Field<N, Q>,
     &'a Pass<'a>,
@@ -250,9 +273,12 @@ impl<const N: usize, const Q: usize, const TANGENT: bool> WithSimd for Assembly<
                 }
             }
             match &mut tangent {
-                Some(Sink::Full(tangent)) => field.scatter(idx, batch.n, &scratch, tangent),
+                Some(Sink::Full(tangent)) => {
+                    field.scatter(idx, batch.n, &scratch, pass.stiffness_factor, tangent);
+                }
                 Some(Sink::Packed(tangent)) => {
-                    field.scatter_packed(idx, batch.n, &scratch, shuffle, tangent)
+                    let factor = pass.stiffness_factor;
+                    field.scatter_packed(idx, batch.n, &scratch, factor, shuffle, tangent);
                 }
                 None => {}
             }
@@ -267,6 +293,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
         idx: usize,
         n_lanes: usize,
         scratch: &Scratch<N>,
+        factor: f64,
         tangent: &mut CondensedMatrix,
     ) {
         let slots = &self.slots[idx * N..(idx + 1) * N];
@@ -274,7 +301,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
             for a in 0..N {
                 for b in a..N {
                     let from = &scratch.stiffness[pair(N, a, b)];
-                    let block: [f64; 9] = std::array::from_fn(|k| from[k][lane]);
+                    let block: [f64; 9] = std::array::from_fn(|k| factor * from[k][lane]);
                     let slot = slots[a][b][lane];
                     if slot != NO_SLOT {
                         let to = &mut tangent.stiffness.blocks[slot as usize];
@@ -324,6 +351,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
         idx: usize,
         n_lanes: usize,
         scratch: &Scratch<N>,
+        factor: f64,
         shuffle: Shuffle,
         tangent: &mut PackedTangent,
     ) {
@@ -333,7 +361,7 @@ impl<const N: usize, const Q: usize> Field<N, Q> {
         for (to, from) in single.iter_mut().zip(&scratch.stiffness) {
             for k in 0..9 {
                 for lane in 0..BATCH {
-                    to[k][lane] = from[k][lane] as f32;
+                    to[k][lane] = (factor * from[k][lane]) as f32;
                 }
             }
         }
@@ -395,6 +423,9 @@ impl<const N: usize, const Q: usize> Elements for Field<N, Q> {
     }
     fn volumes(&self, pass: &Pass<'_>, out: &mut Deformation, vertex_volume: &mut [f64]) {
         pass.arch.dispatch(Volumes(self, pass, out, vertex_volume));
+    }
+    fn squared_stretches(&self, pass: &Pass<'_>, out: &mut [Eight]) {
+        pass.arch.dispatch(SquaredStretches(self, pass, out));
     }
     fn forces(&self, pass: &Pass<'_>, force: &mut [f64]) {
         pass.arch

@@ -185,6 +185,29 @@ pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
     }
 }
 
+/// Squared fibre stretch at each integration point, `|Σ xₐ gₐ₁|²`.
+#[inline(always)]
+pub fn squared_stretch<S: Simd, const N: usize, const Q: usize>(
+    simd: S,
+    batch: &Batch<N, Q>,
+    x: &[[Eight; 3]; N],
+    out: &mut [Eight; Q],
+) {
+    for lane in (0..BATCH).step_by(S::F64_LANES) {
+        for q in 0..Q {
+            let mut fibre = [Lanes::splat(simd, 0.0); 3];
+            for a in 0..N {
+                let g = Lanes::load(simd, &batch.points[q].grad[a][0][lane..]);
+                for i in 0..3 {
+                    fibre[i] = Lanes::load(simd, &x[a][i][lane..]).mul_add(g, fibre[i]);
+                }
+            }
+            let c11 = fibre[0].mul_add(fibre[0], fibre[1].mul_add(fibre[1], fibre[2] * fibre[2]));
+            c11.store(&mut out[q][lane..]);
+        }
+    }
+}
+
 /// Adds forces and, with `TANGENT`, stiffness and volume coupling of a batch to `out`. With a single integration point they
 /// overwrite it; the coupling of a linear element is then stored for the first vertex only, as it is equal for all four.
 ///

@@ -20,7 +20,7 @@ pub trait Assembled: Operator {
     fn pattern(&self) -> &Pattern;
 
     /// Sets all entries to zero, and the vertices' bulk stiffness \[kPa/mm³\], one a vertex.
-    fn clear(&mut self, bulk: &[f64]);
+    fn clear(&mut self, bulk: &mut dyn Iterator<Item = f64>);
 
     /// A block of the stiffness alone, row-major.
     fn stiffness_block(&self, slot: usize) -> [[f32; 3]; 3];
@@ -36,9 +36,6 @@ pub trait Assembled: Operator {
 
     /// For the elements' stiffness.
     fn sink(&mut self) -> Sink<'_>;
-
-    /// Multiplies all of it by `k`.
-    fn scale(&mut self, k: f64);
 
     /// Adds a block to the stiffness; does nothing at [`NO_SLOT`].
     fn add_block(&mut self, slot: u32, block: &[f64; 9]);
@@ -63,12 +60,13 @@ impl Assembled for CondensedMatrix {
         &self.stiffness.pattern
     }
 
-    fn clear(&mut self, bulk: &[f64]) {
+    fn clear(&mut self, bulk: &mut dyn Iterator<Item = f64>) {
         self.stiffness.blocks.fill([0.0; 9]);
         if let Some(coupling) = &mut self.coupling {
             coupling.blocks.fill([0.0; 3]);
         }
-        self.bulk.copy_from_slice(bulk);
+        self.bulk.clear();
+        self.bulk.extend(bulk);
     }
 
     fn vertex_volumes(&self, space: VectorLayout<'_>, x: &mut [f64]) -> Vec<f64> {
@@ -89,17 +87,6 @@ impl Assembled for CondensedMatrix {
 
     fn sink(&mut self) -> Sink<'_> {
         Sink::Full(self)
-    }
-
-    fn scale(&mut self, k: f64) {
-        if k != 1.0 {
-            self.stiffness
-                .blocks
-                .as_flattened_mut()
-                .iter_mut()
-                .for_each(|b| *b *= k);
-            self.bulk.iter_mut().for_each(|d| *d *= k);
-        }
     }
 
     fn mean_diagonal(&self, space: VectorLayout<'_>) -> f64 {

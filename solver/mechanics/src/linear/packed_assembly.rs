@@ -15,11 +15,11 @@ impl Assembled for PackedTangent {
         Some(self)
     }
 
-    fn clear(&mut self, bulk: &[f64]) {
+    fn clear(&mut self, bulk: &mut dyn Iterator<Item = f64>) {
         self.blocks.fill(PackedBlock([[0.0; 4]; 3]));
         self.volumes.fill(PackedVolume([0.0; 4]));
         self.bulk.clear();
-        self.bulk.extend_from_slice(bulk);
+        self.bulk.extend(bulk);
     }
 
     fn vertex_volumes(&self, space: VectorLayout<'_>, x: &mut [f64]) -> Vec<f64> {
@@ -42,21 +42,6 @@ impl Assembled for PackedTangent {
 
     fn sink(&mut self) -> Sink<'_> {
         Sink::Packed(self)
-    }
-
-    fn scale(&mut self, k: f64) {
-        if k != 1.0 {
-            // K is the upper three rows.
-            let of_row = [k as f32, k as f32, k as f32, 1.0];
-            for PackedBlock(block) in &mut self.blocks {
-                for column in block {
-                    for i in 0..4 {
-                        column[i] *= of_row[i];
-                    }
-                }
-            }
-            self.bulk.iter_mut().for_each(|d| *d *= k);
-        }
     }
 
     fn add_block(&mut self, slot: u32, block: &[f64; 9]) {

@@ -10,7 +10,9 @@ use std::sync::Arc;
 
 use cardiotwin_linalg::parallel::Communicator;
 use cardiotwin_models::calcium::Calcium;
-use cardiotwin_models::contraction::{Contraction, ContractionError, NodeStep, StretchReference};
+use cardiotwin_models::contraction::{
+    ActiveStress, Contraction, ContractionError, EachStep, StretchReference,
+};
 use cardiotwin_models::effects::FibreViscosity;
 use cardiotwin_models::ventricle::GroupContraction;
 
@@ -72,8 +74,11 @@ pub struct PointContraction {
     duration: Vec<f64>,
     /// Fibre stretch at end-diastole from the unloaded state.
     lambda_ed: Vec<f64>,
+    /// Stretch relative to the model's reference length, over that from the unloaded state.
+    per_stretch: Vec<f64>,
     stretch: StretchReference,
     since_ms: Vec<f64>,
+    stress: Vec<ActiveStress>,
     now: Points,
     trial: Points,
 }
@@ -158,9 +163,14 @@ impl PointContraction {
             n_batches,
             activation_ms: times,
             duration,
+            per_stretch: lambda_ed
+                .iter()
+                .map(|ed| stretch.at_end_diastole(*ed) / ed)
+                .collect(),
             lambda_ed,
             stretch,
             since_ms: vec![0.0; n],
+            stress: vec![ActiveStress::default(); n],
             trial: now.clone(),
             now,
         };
@@ -353,28 +363,32 @@ impl PointStress for PointContraction {
                 slope_kpa: [0.0; BATCH],
             },
         );
-        let n_states = self.model.n_states();
-        for (k, &(idx, lane)) in self.places.iter().enumerate() {
-            let (idx, lane) = (idx as usize, lane as usize);
-            let ed = self.lambda_ed[k];
+        for ((lambda, per_stretch), &(idx, lane)) in (self.trial.lambda.iter_mut())
+            .zip(&self.per_stretch)
+            .zip(&self.places)
+        {
             // Deformation is measured from the unloaded state.
-            let per_stretch = self.stretch.at_end_diastole(ed) / ed;
-            let lambda = deformation.squared_stretch[idx][lane].sqrt() * per_stretch;
-            let step = NodeStep {
-                since_activation_ms: self.since_ms[k],
-                dt_ms,
-                ca_start_um: self.now.ca_um.get(k).copied().unwrap_or(0.0),
-                ca_end_um: self.trial.ca_um.get(k).copied().unwrap_or(0.0),
-                lambda_prev: self.now.lambda[k],
-                lambda,
-            };
-            let states = k * n_states..(k + 1) * n_states;
-            let stress = self.model.try_step(
-                &step,
-                &self.now.cells[states.clone()],
-                &mut self.trial.cells[states],
-            )?;
-            self.trial.lambda[k] = lambda;
+            let squared = deformation.squared_stretch[idx as usize][usize::from(lane)];
+            *lambda = squared.sqrt() * per_stretch;
+        }
+        let step = EachStep {
+            dt_ms,
+            lambda_prev: &self.now.lambda,
+            lambda: &self.trial.lambda,
+            since_activation_ms: &self.since_ms,
+            ca_start_um: &self.now.ca_um,
+            ca_end_um: &self.trial.ca_um,
+        };
+        self.model.try_step_each(
+            &step,
+            &self.now.cells,
+            &mut self.trial.cells,
+            &mut self.stress,
+        )?;
+        for (k, &(idx, lane)) in self.places.iter().enumerate() {
+            let (idx, lane) = (idx as usize, usize::from(lane));
+            let (ed, per_stretch) = (self.lambda_ed[k], self.per_stretch[k]);
+            let (stress, lambda) = (self.stress[k], self.trial.lambda[k]);
             self.trial.sa_kpa[k] = stress.sa_kpa;
             let configuration = self.stretch.stress_configuration(ed);
             let factor = match self.convention {

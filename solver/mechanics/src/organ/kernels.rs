@@ -1,6 +1,6 @@
 //! Single kernels of a time step, for measurements of their speed.
 
-use cardiotwin_linalg::{BlockJacobi, KrylovSettings, conjugate_gradients};
+use cardiotwin_linalg::{KrylovSettings, SingleBlockJacobi, conjugate_gradients};
 
 use crate::body::Deformation;
 use crate::dynamics::{Candidate, Dynamics, State};
@@ -122,13 +122,13 @@ impl Bench {
                     *linearised = true;
                 }
                 let mut x = vec![0.0; force.len()];
-                let jacobi = BlockJacobi::new(tangent);
+                let jacobi = SingleBlockJacobi::new(tangent);
                 let settings = KrylovSettings {
                     relative_tolerance: 0.0,
                     max_iterations: n as usize,
                     ..KrylovSettings::default()
                 };
-                conjugate_gradients(
+                conjugate_gradients::<f32>(
                     dynamics.space(),
                     half,
                     &jacobi,

@@ -575,8 +575,8 @@ impl OrganRank {
             .as_ref()
             .map_or(0, |bench| bench.bytes_of_product(self.part.layout.n_local));
         // Reads and writes of directions, solution, residual and preconditioned residual in the solver's loops, plus inverse
-        // blocks.
-        let per_node = 3 * 8 * (3 + 2 + 6 + 2 + 2) + 9 * 8;
+        // blocks, in single precision.
+        let per_node = 3 * 4 * (3 + 2 + 6 + 2 + 2) + 6 * 4;
         let mut bytes = [(per_product + per_node * self.part.layout.n_owned) as f64];
         self.dynamics.comm.sum(&mut bytes);
         bytes[0]

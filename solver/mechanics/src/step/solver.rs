@@ -1,9 +1,11 @@
 //! The linear systems of a time step: storage of the tangent for each solver, and reuse from one system to the next.
 
+use cardiotwin_linalg::conjugate_gradients::Entry;
 use cardiotwin_linalg::parallel::VectorLayout;
 use cardiotwin_linalg::{
     BlockJacobi, CondensedMatrix, Direct, KrylovEnding, KrylovReport, KrylovSettings, Multigrid,
-    Operator, Preconditioner, RigidLevels, SymmetricSweep, WithLevels, conjugate_gradients, gmres,
+    Operator, Preconditioner, RigidLevels, SingleBlockJacobi, SymmetricSweep, WithLevels,
+    conjugate_gradients, gmres,
 };
 
 use super::recent::Recent;
@@ -336,15 +338,13 @@ impl Solver {
                 (tangent, By::Sweep(SymmetricSweep::new(tangent)))
             }
             Matrix::Full(tangent) => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
-            Matrix::Packed(tangent) => {
-                let jacobi = BlockJacobi::new(tangent);
-                match (&self.levels, &self.half) {
-                    (Some(KeptLevels { levels, .. }), Some(half)) => {
-                        (half, By::Levels(WithLevels { jacobi, levels }))
-                    }
-                    _ => (tangent, By::Jacobi(jacobi)),
+            Matrix::Packed(tangent) => match (&self.levels, &self.half) {
+                (Some(KeptLevels { levels, .. }), Some(half)) => {
+                    let jacobi = SingleBlockJacobi::new(tangent);
+                    (half, By::Levels(WithLevels { jacobi, levels }, half))
                 }
-            }
+                _ => (tangent, By::Jacobi(BlockJacobi::new(tangent))),
+            },
         };
         Ok(Linear {
             dynamics,
@@ -373,7 +373,7 @@ enum By<'a> {
     Direct(Kept<'a>, &'a CondensedMatrix),
     Multigrid(&'a Multigrid, &'a mut bool),
     Jacobi(BlockJacobi),
-    Levels(WithLevels<'a>),
+    Levels(WithLevels<'a>, &'a HalfTangent),
     Sweep(SymmetricSweep<'a>),
 }
 
@@ -404,12 +404,23 @@ impl Linear<'_> {
         };
         let dynamics = self.dynamics;
         let solve = |by: &dyn Preconditioner, x: &mut [f64], report: &mut StepReport| {
-            let by = Held { by, dynamics };
-            krylov(space, self.operator, &by, b, x, &limits, report)
+            let system = (self.operator, &Held { by, dynamics } as &dyn Preconditioner);
+            krylov(space, system, system, (b, x), &limits, report)
         };
         match &mut self.by {
             By::Jacobi(m) => solve(m, x, report),
-            By::Levels(m) => solve(m, x, report),
+            By::Levels(m, half) => {
+                let single = Held::<f32> { by: m, dynamics };
+                let double = Held::<f64> { by: m, dynamics };
+                krylov(
+                    space,
+                    (*half as &dyn Operator<f32>, &single),
+                    (*half, &double),
+                    (b, x),
+                    &limits,
+                    report,
+                )
+            }
             By::Sweep(m) => solve(m, x, report),
             By::Multigrid(levels, stale) => {
                 let short = KrylovSettings {
@@ -482,31 +493,34 @@ impl Linear<'_> {
 
 /// A preconditioner that leaves held components at rest. Their residual is zero, so that no later iteration would take a
 /// motion of theirs back.
-struct Held<'a> {
-    by: &'a dyn Preconditioner,
+struct Held<'a, T = f64> {
+    by: &'a dyn Preconditioner<T>,
     dynamics: &'a Dynamics,
 }
 
-impl Preconditioner for Held<'_> {
-    fn apply(&self, space: VectorLayout<'_>, r: &[f64], z: &mut [f64]) {
+impl<T: Default> Preconditioner<T> for Held<'_, T> {
+    fn apply(&self, space: VectorLayout<'_>, r: &[T], z: &mut [T]) {
         self.by.apply(space, r, z);
         self.dynamics.hold(z);
     }
 }
 
-/// Conjugate gradients, followed by GMRES if they stop at an indefinite matrix.
-fn krylov(
+/// A matrix with its preconditioner.
+type System<'a, T = f64> = (&'a dyn Operator<T>, &'a dyn Preconditioner<T>);
+
+/// Conjugate gradients, followed by GMRES in double precision if they stop at an indefinite matrix.
+fn krylov<T: Entry>(
     space: VectorLayout<'_>,
-    operator: &dyn Operator,
-    preconditioner: &dyn Preconditioner,
-    b: &[f64],
-    x: &mut [f64],
+    (operator, preconditioner): System<'_, T>,
+    in_double: System<'_>,
+    (b, x): (&[f64], &mut [f64]),
     limits: &KrylovSettings,
     report: &mut StepReport,
 ) -> Result<(), StepError> {
     let mut done = conjugate_gradients(space, operator, preconditioner, b, x, limits);
     report.krylov_iterations += done.iterations;
     if done.ending != KrylovEnding::Converged {
+        let (operator, preconditioner) = in_double;
         done = gmres(space, operator, preconditioner, b, x, limits);
         report.krylov_iterations += done.iterations;
     }

@@ -76,6 +76,54 @@ impl UniformStep<'_> {
     }
 }
 
+/// The same step for many nodes, each with a stretch of its own (the integration points of a wall).
+#[derive(Debug, Clone, Copy)]
+pub struct EachStep<'a> {
+    /// Length of the step \[ms\].
+    pub dt_ms: f64,
+    /// Fibre stretch at the start of the step, one a node.
+    pub lambda_prev: &'a [f64],
+    /// Candidate fibre stretch at the end of the step, one a node.
+    pub lambda: &'a [f64],
+    /// Time since activation at the end of the step \[ms\], one a node.
+    pub since_activation_ms: &'a [f64],
+    /// Calcium at the start of the step \[µM\], one a node, empty where [`Contraction::needs_calcium`] is false.
+    pub ca_start_um: &'a [f64],
+    /// Calcium at the end of the step \[µM\], as above.
+    pub ca_end_um: &'a [f64],
+}
+
+impl EachStep<'_> {
+    /// The step of node `node_idx`.
+    #[must_use]
+    pub fn node(&self, node_idx: usize) -> NodeStep {
+        NodeStep {
+            since_activation_ms: self.since_activation_ms[node_idx],
+            dt_ms: self.dt_ms,
+            ca_start_um: self.ca_start_um.get(node_idx).copied().unwrap_or(0.0),
+            ca_end_um: self.ca_end_um.get(node_idx).copied().unwrap_or(0.0),
+            lambda_prev: self.lambda_prev[node_idx],
+            lambda: self.lambda[node_idx],
+        }
+    }
+}
+
+/// Node after node, up to the first one that fails.
+fn in_turn<C: Contraction + ?Sized>(
+    model: &C,
+    node: impl Fn(usize) -> NodeStep,
+    states: &[f64],
+    trials: &mut [f64],
+    stress: &mut [ActiveStress],
+) -> Result<(), ContractionError> {
+    let n = model.n_states();
+    for (node_idx, out) in stress.iter_mut().enumerate() {
+        let range = node_idx * n..(node_idx + 1) * n;
+        *out = model.try_step(&node(node_idx), &states[range.clone()], &mut trials[range])?;
+    }
+    Ok(())
+}
+
 /// A model of active stress.
 pub trait Contraction: std::fmt::Debug + Send + Sync {
     /// Number of state variables of one node.
@@ -116,16 +164,21 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
         trials: &mut [f64],
         stress: &mut [ActiveStress],
     ) -> Result<(), ContractionError> {
-        let n = self.n_states();
-        for (node_idx, out) in stress.iter_mut().enumerate() {
-            let range = node_idx * n..(node_idx + 1) * n;
-            *out = self.try_step(
-                &step.node(node_idx),
-                &states[range.clone()],
-                &mut trials[range],
-            )?;
-        }
-        Ok(())
+        in_turn(self, |idx| step.node(idx), states, trials, stress)
+    }
+
+    /// As [`Self::try_step_uniform`], for nodes with a stretch of their own.
+    ///
+    /// # Errors
+    /// As [`Self::try_step`], for the first node that fails.
+    fn try_step_each(
+        &self,
+        step: &EachStep<'_>,
+        states: &[f64],
+        trials: &mut [f64],
+        stress: &mut [ActiveStress],
+    ) -> Result<(), ContractionError> {
+        in_turn(self, |idx| step.node(idx), states, trials, stress)
     }
 }
 

@@ -1,9 +1,10 @@
 //! Tanh active stress (Jung 2022, eqs. A1-A3; Niederer 2011 in CARPentry): a function of time since activation and stretch.
 
-use super::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
+use super::{ActiveStress, Contraction, ContractionError, EachStep, NodeStep, UniformStep};
 use crate::parameter::Domain;
 use cardiotwin_units::{Kpa, Ms, Stretch};
-use cardiotwin_vector_math::Number;
+use cardiotwin_vector_math::{Lane, Number};
+use pulp::{Arch, Simd, WithSimd};
 
 pub use cardiotwin_vocabulary::step1::TanhParameters;
 
@@ -240,6 +241,78 @@ impl Tanh {
     }
 }
 
+/// Nodes that are computed together.
+const LANES: usize = 8;
+
+impl Tanh {
+    /// As [`Self::stress`] without a branch, in the numbers of vector code. Products are not fused with sums, so that every
+    /// processor gives the same bits.
+    #[inline(always)]
+    fn lane(&self, since_activation_ms: f64, lambda: f64) -> (f64, f64) {
+        let p = &self.parameters;
+        let ts = since_activation_ms - p.t_emd_ms;
+        let (Lane(phi), tau_sr) = self.phi_and_rise(Lane::<false>(lambda));
+        let dphi = if phi > 0.0 {
+            p.a6 * (1.0 - phi * phi)
+        } else {
+            0.0
+        };
+        let (rise, fall) = self.decays(Lane(ts), tau_sr);
+        let (Lane(up), Lane(dup)) = tanh_squared(rise);
+        let Lane(envelope) = self.envelope(fall);
+        let dx = ts / (tau_sr.0 * tau_sr.0) * p.a4_ms * dphi;
+        let stress = (envelope * phi * up, envelope * (dphi * up + phi * dup * dx));
+        // Both comparisons are made, since a branch would keep the loop from vector code.
+        if (ts > 0.0) & (ts < p.t_cr_ms) {
+            stress
+        } else {
+            (0.0, 0.0)
+        }
+    }
+}
+
+/// Nodes with stretches of their own, to be compiled for each instruction set.
+struct Each<'a> {
+    tanh: Tanh,
+    since_activation_ms: &'a [f64],
+    lambda: &'a [f64],
+    stress: &'a mut [ActiveStress],
+}
+
+impl WithSimd for Each<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { tanh, stress, .. } = self;
+        let since = self.since_activation_ms.chunks(LANES);
+        for ((since, lambda), out) in since
+            .zip(self.lambda.chunks(LANES))
+            .zip(stress.chunks_mut(LANES))
+        {
+            let is_active = |t: &f64| tanh.is_active(t - tanh.parameters.t_emd_ms);
+            if !since.iter().any(is_active) {
+                out.fill(ActiveStress::default());
+                continue;
+            }
+            let n = out.len();
+            let (mut times, mut stretches) = ([0.0; LANES], [1.0; LANES]);
+            times[..n].copy_from_slice(since);
+            stretches[..n].copy_from_slice(lambda);
+            let (mut sa, mut dsa) = ([0.0; LANES], [0.0; LANES]);
+            for lane in 0..LANES {
+                (sa[lane], dsa[lane]) = tanh.lane(times[lane], stretches[lane]);
+            }
+            for ((out, sa_kpa), dsa_dlambda_kpa) in out.iter_mut().zip(sa).zip(dsa) {
+                *out = ActiveStress {
+                    sa_kpa,
+                    dsa_dlambda_kpa,
+                };
+            }
+        }
+    }
+}
+
 /// Nodes at equal distances in activation time are recognised up to this deviation \[ms\].
 const SPACING_TOLERANCE_MS: f64 = 1e-9;
 
@@ -267,6 +340,26 @@ impl Contraction for Tanh {
         _trial: &mut [f64],
     ) -> Result<ActiveStress, ContractionError> {
         Ok(self.stress(step.since_activation_ms, &self.length(step.lambda)?))
+    }
+
+    fn try_step_each(
+        &self,
+        step: &EachStep<'_>,
+        _states: &[f64],
+        _trials: &mut [f64],
+        stress: &mut [ActiveStress],
+    ) -> Result<(), ContractionError> {
+        let is_wrong = |lambda: &&f64| !(**lambda > 0.0 && lambda.is_finite());
+        if let Some(lambda) = step.lambda.iter().find(is_wrong) {
+            return Err(ContractionError::Stretch { lambda: *lambda });
+        }
+        Arch::new().dispatch(Each {
+            tanh: *self,
+            since_activation_ms: step.since_activation_ms,
+            lambda: step.lambda,
+            stress,
+        });
+        Ok(())
     }
 
     /// Nodes at equal distances, oldest first, cost four exponentials together instead of two each.
@@ -323,6 +416,49 @@ mod tests {
             lambda,
         };
         Tanh::new(p).unwrap().try_step(&step, &[], &mut []).unwrap()
+    }
+
+    #[test]
+    fn nodes_with_stretches_of_their_own_have_the_stress_of_each() {
+        let tanh = Tanh::new(TanhParameters::default()).unwrap();
+        for n in [1, 7, 8, 9, 40] {
+            let since: Vec<f64> = (0..n).map(|i| f64::from(i) * 29.0 - 60.0).collect();
+            let lambda: Vec<f64> = (0..n).map(|i| 1.2 - 0.02 * f64::from(i)).collect();
+            let step = EachStep {
+                dt_ms: 1.0,
+                lambda_prev: &lambda,
+                lambda: &lambda,
+                since_activation_ms: &since,
+                ca_start_um: &[],
+                ca_end_um: &[],
+            };
+            let mut stress = vec![ActiveStress::default(); n as usize];
+            tanh.try_step_each(&step, &[], &mut [], &mut stress)
+                .unwrap();
+            for (node, found) in stress.iter().enumerate() {
+                let alone = tanh.try_step(&step.node(node), &[], &mut []).unwrap();
+                let (size, slope) = (1e-12 * (1.0 + alone.sa_kpa), alone.dsa_dlambda_kpa);
+                assert!(
+                    (found.sa_kpa - alone.sa_kpa).abs() < size,
+                    "{found:?} {alone:?}"
+                );
+                assert!(
+                    (found.dsa_dlambda_kpa - slope).abs() < 1e-12 * (1.0 + slope.abs()),
+                    "{found:?} {alone:?}"
+                );
+            }
+            assert!(n < 9 || stress.iter().any(|stress| stress.sa_kpa > 1.0));
+        }
+        let bad = EachStep {
+            dt_ms: 1.0,
+            lambda_prev: &[1.0; 2],
+            lambda: &[1.0, f64::NAN],
+            since_activation_ms: &[60.0; 2],
+            ca_start_um: &[],
+            ca_end_um: &[],
+        };
+        let found = tanh.try_step_each(&bad, &[], &mut [], &mut [ActiveStress::default(); 2]);
+        assert!(matches!(found, Err(ContractionError::Stretch { .. })));
     }
 
     #[test]

@@ -5,7 +5,9 @@ use super::declaration::{
     Role, Sign, Signal,
 };
 use super::{EffectError, Surroundings};
-use crate::contraction::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
+use crate::contraction::{
+    ActiveStress, Contraction, ContractionError, EachStep, NodeStep, UniformStep,
+};
 
 /// Catalogue entry of the cross-fibre stress.
 pub const EFFECT: Effect = Effect {
@@ -107,6 +109,18 @@ impl Contraction for Scaled {
         stress: &mut [ActiveStress],
     ) -> Result<(), ContractionError> {
         self.inner.try_step_uniform(step, states, trials, stress)?;
+        stress.iter_mut().for_each(|out| *out = self.scale(*out));
+        Ok(())
+    }
+
+    fn try_step_each(
+        &self,
+        step: &EachStep<'_>,
+        states: &[f64],
+        trials: &mut [f64],
+        stress: &mut [ActiveStress],
+    ) -> Result<(), ContractionError> {
+        self.inner.try_step_each(step, states, trials, stress)?;
         stress.iter_mut().for_each(|out| *out = self.scale(*out));
         Ok(())
     }

@@ -282,7 +282,7 @@ fn long_steps_in_late_filling_leave_the_same_samples_and_hardly_move_them() {
     let (usual, long) = (run(tanh(), &usual), run(tanh(), &long));
     assert!(long.succeeded(), "{:?}", long.checks);
     assert!(
-        long.work.n_steps < usual.work.n_steps - 100,
+        long.work.n_steps < usual.work.n_steps - 60,
         "{:?} {:?}",
         long.work,
         usual.work
@@ -294,8 +294,9 @@ fn long_steps_in_late_filling_leave_the_same_samples_and_hardly_move_them() {
             .zip(b)
             .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()))
     };
-    assert!(apart(&long.traces.pressure_mmhg, &usual.traces.pressure_mmhg) < 0.5);
-    assert!(apart(&long.traces.volume_ml, &usual.traces.volume_ml) < 1.0);
+    let pressures = apart(&long.traces.pressure_mmhg, &usual.traces.pressure_mmhg);
+    let volumes = apart(&long.traces.volume_ml, &usual.traces.volume_ml);
+    assert!(pressures < 0.2 && volumes < 0.2, "{pressures} {volumes}");
     let stretch = |result: &BeatResult| {
         result
             .traces
@@ -306,7 +307,7 @@ fn long_steps_in_late_filling_leave_the_same_samples_and_hardly_move_them() {
             .clone()
     };
     assert_eq!(stretch(&long).len(), stretch(&usual).len());
-    assert!(apart(&stretch(&long), &stretch(&usual)) < 0.01);
+    assert!(apart(&stretch(&long), &stretch(&usual)) < 1e-3);
     // A diastolic step that does not exceed two intervals has no effect.
     let none = run(
         tanh(),

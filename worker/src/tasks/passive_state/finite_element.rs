@@ -303,10 +303,11 @@ fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
 fn searched(
     anatomy: &Anatomy,
     job: &PassiveJob,
+    subdomains: u32,
     context: &mut Context,
 ) -> Result<FoundState, TaskError> {
     let team = context.team.clone();
-    let workers = Workers::of(team.as_ref(), context.threads);
+    let workers = Workers::of(team.as_ref(), context.threads, subdomains);
     let mut watch = |p: &SearchProgress| {
         context
             .progress
@@ -385,7 +386,7 @@ fn build(
             .report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
         let stand_in = (own.is_some() && n_nodes < last).then(|| of_a_stand_in(spec));
         let taken = if n_nodes == last { own.take() } else { None };
-        let workers = Workers::of(context.team.as_ref(), context.threads);
+        let workers = Workers::of(context.team.as_ref(), context.threads, spec.subdomains);
         let volumes = (target.image_ml, wall_ml);
         let made_of = stand_in.as_ref().unwrap_or(spec);
         let (mesh, times) = mesh(made_of, taken, n_nodes, volumes, workers, &mut seconds)?;
@@ -401,7 +402,7 @@ fn build(
             )
         });
         if n_nodes < last {
-            match searched(&anatomy, &job, context) {
+            match searched(&anatomy, &job, spec.subdomains, context) {
                 Ok(found) => (job.wall.muscle, job.slope) = (found.wall.muscle, found.slope),
                 Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
                 // If the small mesh has no law, the large one reports the error.
@@ -413,7 +414,7 @@ fn build(
         // same end-diastole, as in the reduced ventricle.
         job.wall.right_pressure.clone_from(&right);
         job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
-        let state = searched(&anatomy, &job, context)?;
+        let state = searched(&anatomy, &job, spec.subdomains, context)?;
         let exponents = state
             .wall
             .muscle

@@ -9,7 +9,7 @@ mod parameters;
 mod slopes;
 mod step;
 
-use super::{ActiveStress, Contraction, ContractionError, NodeStep, UniformStep};
+use super::{ActiveStress, Contraction, ContractionError, EachStep, NodeStep, UniformStep};
 
 pub use cell::{Land2017, STATES};
 pub use equations::{Equations, LAMBDA_CAP};
@@ -46,5 +46,15 @@ impl Contraction for Land2017 {
         stress: &mut [ActiveStress],
     ) -> Result<(), ContractionError> {
         step::try_step_uniform(self, step, states, trials, stress)
+    }
+
+    fn try_step_each(
+        &self,
+        step: &EachStep<'_>,
+        states: &[f64],
+        trials: &mut [f64],
+        stress: &mut [ActiveStress],
+    ) -> Result<(), ContractionError> {
+        step::try_step_each(self, step, states, trials, stress)
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! The elimination is by hand; its terms are those of [`super::equations`], and a test puts the stages back into the equations.
 //!
-//! The step of one node has no branches: the nodes that share a stretch are lanes of SIMD vectors. Products are not
+//! The step of one node has no branches: nodes are lanes of SIMD vectors. Products are not
 //! fused with sums, so that every processor gives the same bits.
 
 use cardiotwin_vector_math::{Dual, Lane, Number, max};
@@ -14,7 +14,9 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::Land2017;
 use super::equations::{LEAST_OCCUPANCY, UNBLOCKING_CAP, gamma_su};
-use crate::contraction::{ActiveStress, ContractionError, NodeStep, UniformStep};
+use crate::contraction::{
+    ActiveStress, ContractionError, EachStep, NodeStep, UniformStep, in_turn,
+};
 
 /// γ of the method, 1 − 1/√2.
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
@@ -29,6 +31,11 @@ struct Shared {
     cell: Land2017,
     /// γ times the step's length \[ms\].
     gh: f64,
+}
+
+/// Values of a step that follow from the stretch.
+#[derive(Clone, Copy)]
+struct Stretched {
     /// Rate of the stretch \[1/ms\].
     rate: Dual,
     /// Ca50 at the two stages \[µM\].
@@ -37,7 +44,7 @@ struct Shared {
     scale: Dual,
 }
 
-impl Shared {
+impl Stretched {
     fn new(
         cell: &Land2017,
         dt_ms: f64,
@@ -61,8 +68,6 @@ impl Shared {
             }
         };
         Ok(Self {
-            cell: *cell,
-            gh: GAMMA * dt_ms,
             rate: Dual {
                 v: (lambda - lambda_prev) / dt_ms,
                 d: 1.0 / dt_ms,
@@ -77,11 +82,20 @@ impl Shared {
             },
         })
     }
+}
+
+impl Shared {
+    fn new(cell: &Land2017, dt_ms: f64) -> Self {
+        Self {
+            cell: *cell,
+            gh: GAMMA * dt_ms,
+        }
+    }
 
     /// Solves `x = base + gh f(x)` for one stage; `base` and the result are the six states with their derivatives.
     #[inline(always)]
-    fn stage(&self, base: [Dual; N], ca_um: f64, ca50: Dual) -> [Dual; N] {
-        let Self { cell, gh, rate, .. } = *self;
+    fn stage(&self, base: [Dual; N], ca_um: f64, rate: Dual, ca50: Dual) -> [Dual; N] {
+        let Self { cell, gh } = *self;
         let (p, constants) = (cell.p, cell.k);
         let ln_ca = Lane::<false>(ca_um).ln_ratio(Lane(ca50.v));
         let r = cell.k.binding(ln_ca).0;
@@ -152,7 +166,13 @@ impl Shared {
 
     /// One node's step from `state`: its end and its stress.
     #[inline(always)]
-    fn step(&self, state: [f64; N], ca_start_um: f64, ca_end_um: f64) -> ([f64; N], ActiveStress) {
+    fn step(
+        &self,
+        state: [f64; N],
+        [ca_start_um, ca_end_um]: [f64; 2],
+        stretched: &Stretched,
+    ) -> ([f64; N], ActiveStress) {
+        let Stretched { rate, ca50, scale } = *stretched;
         let [c, b, w, s, zeta_w, zeta_s] = state;
         let start = [
             Dual::of(c),
@@ -163,7 +183,7 @@ impl Shared {
             Dual::of(zeta_s),
         ];
         let ca_between = ca_start_um + GAMMA * (ca_end_um - ca_start_um);
-        let first = self.stage(start, ca_between, self.ca50[0]);
+        let first = self.stage(start, ca_between, rate, ca50[0]);
         // h f(first) follows from the stage equation itself.
         let share = (1.0 - GAMMA) / GAMMA;
         let further = |from: Dual, to: Dual| Dual {
@@ -178,13 +198,13 @@ impl Shared {
             further(start[4], first[4]),
             further(start[5], first[5]),
         ];
-        let end = self.stage(base, ca_end_um, self.ca50[1]);
+        let end = self.stage(base, ca_end_um, rate, ca50[1]);
         let [c, b, w, s, zeta_w, zeta_s] = end;
         let pull = (zeta_s.v + 1.0) * s.v + zeta_w.v * w.v;
         let dpull = zeta_s.d * s.v + (zeta_s.v + 1.0) * s.d + zeta_w.d * w.v + zeta_w.v * w.d;
         let stress = ActiveStress {
-            sa_kpa: self.scale.v * pull,
-            dsa_dlambda_kpa: self.scale.d * pull + self.scale.v * dpull,
+            sa_kpa: scale.v * pull,
+            dsa_dlambda_kpa: scale.d * pull + scale.v * dpull,
         };
         ([c.v, b.v, w.v, s.v, zeta_w.v, zeta_s.v], stress)
     }
@@ -209,17 +229,18 @@ pub(super) fn try_step(
     state: &[f64],
     trial: &mut [f64],
 ) -> Result<ActiveStress, ContractionError> {
-    let shared = Shared::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
+    let shared = Shared::new(cell, step.dt_ms);
+    let stretched = Stretched::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
     if !(step.ca_start_um > 0.0 && step.ca_end_um > 0.0) {
         return Err(ContractionError::Sensitivity {
-            ca50_um: shared.ca50[1].v,
+            ca50_um: stretched.ca50[1].v,
             lambda: step.lambda,
         });
     }
     let (end, stress) = shared.step(
         std::array::from_fn(|i| state[i]),
-        step.ca_start_um,
-        step.ca_end_um,
+        [step.ca_start_um, step.ca_end_um],
+        &stretched,
     );
     trial.copy_from_slice(&end);
     if !(is_finite(&stress) && trial.iter().all(|x| x.is_finite())) {
@@ -235,12 +256,13 @@ fn is_finite(stress: &ActiveStress) -> bool {
     stress.sa_kpa.is_finite() && stress.dsa_dlambda_kpa.is_finite()
 }
 
-/// States, calcium and results of the nodes that advance together.
+/// States, calcium, stretch and results of the nodes that advance together.
 #[repr(align(64))]
 struct Block {
     states: [[f64; LANES]; N],
-    ca_start_um: [f64; LANES],
-    ca_end_um: [f64; LANES],
+    calcium_um: [[f64; LANES]; 2],
+    /// Rate, Ca50 at both stages and stress per pull, each with its derivative.
+    stretched: [[[f64; LANES]; 2]; 4],
     stress: [[f64; LANES]; 2],
 }
 
@@ -257,8 +279,8 @@ impl WithSimd for BlockStep<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let Block {
             states: [c, b, w, s, zeta_w, zeta_s],
-            ca_start_um,
-            ca_end_um,
+            calcium_um: [ca_start, ca_end],
+            stretched: [rate, first, second, scale],
             stress: [sa, dsa],
         } = self.block;
         let shared = *self.shared;
@@ -271,7 +293,16 @@ impl WithSimd for BlockStep<'_> {
                 zeta_w[lane],
                 zeta_s[lane],
             ];
-            let (end, stress) = shared.step(state, ca_start_um[lane], ca_end_um[lane]);
+            let dual = |[v, d]: &[[f64; LANES]; 2]| Dual {
+                v: v[lane],
+                d: d[lane],
+            };
+            let stretched = Stretched {
+                rate: dual(rate),
+                ca50: [dual(first), dual(second)],
+                scale: dual(scale),
+            };
+            let (end, stress) = shared.step(state, [ca_start[lane], ca_end[lane]], &stretched);
             [
                 c[lane],
                 b[lane],
@@ -285,20 +316,21 @@ impl WithSimd for BlockStep<'_> {
     }
 }
 
-/// See [`crate::contraction::Contraction::try_step_uniform`]: the same bits as node after node.
-pub(super) fn try_step_uniform(
+/// Steps of nodes with the stretch that `stretched` gives for each: the same bits as node after node.
+fn try_step_blocks(
     cell: &Land2017,
-    step: &UniformStep<'_>,
+    dt_ms: f64,
+    mut stretched: impl FnMut(usize) -> Result<Stretched, ContractionError>,
+    [ca_start_um, ca_end_um]: [&[f64]; 2],
     states: &[f64],
-    trials: &mut [f64],
-    stress: &mut [ActiveStress],
+    (trials, stress): (&mut [f64], &mut [ActiveStress]),
 ) -> Result<(), ContractionError> {
-    let shared = Shared::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
+    let shared = Shared::new(cell, dt_ms);
     let n = stress.len();
     let mut block = Block {
         states: [[0.0; LANES]; N],
-        ca_start_um: [0.0; LANES],
-        ca_end_um: [0.0; LANES],
+        calcium_um: [[0.0; LANES]; 2],
+        stretched: [[[0.0; LANES]; 2]; 4],
         stress: [[0.0; LANES]; 2],
     };
     let arch = Arch::new();
@@ -310,8 +342,17 @@ pub(super) fn try_step_uniform(
             for i in 0..N {
                 block.states[i][lane] = states[node * N + i];
             }
-            block.ca_start_um[lane] = step.ca_start_um[node];
-            block.ca_end_um[lane] = step.ca_end_um[node];
+            block.calcium_um[0][lane] = ca_start_um[node];
+            block.calcium_um[1][lane] = ca_end_um[node];
+            let Stretched { rate, ca50, scale } = stretched(node)?;
+            for (to, from) in block
+                .stretched
+                .iter_mut()
+                .zip([rate, ca50[0], ca50[1], scale])
+            {
+                to[0][lane] = from.v;
+                to[1][lane] = from.d;
+            }
         }
         arch.dispatch(BlockStep {
             block: &mut block,
@@ -328,24 +369,54 @@ pub(super) fn try_step_uniform(
             };
         }
     }
-    let calcium = step.ca_start_um.iter().chain(step.ca_end_um);
-    if stress.iter().all(is_finite)
+    Ok(())
+}
+
+/// Whether each node's calcium and result are numbers that [`try_step`] accepts.
+fn are_sound(calcium_um: [&[f64]; 2], trials: &[f64], stress: &[ActiveStress]) -> bool {
+    stress.iter().all(is_finite)
         && trials.iter().all(|x| x.is_finite())
-        && calcium.into_iter().all(|ca| *ca > 0.0)
-    {
+        && calcium_um.into_iter().flatten().all(|ca| *ca > 0.0)
+}
+
+/// See [`crate::contraction::Contraction::try_step_uniform`]: the same bits as node after node.
+pub(super) fn try_step_uniform(
+    cell: &Land2017,
+    step: &UniformStep<'_>,
+    states: &[f64],
+    trials: &mut [f64],
+    stress: &mut [ActiveStress],
+) -> Result<(), ContractionError> {
+    let stretched = Stretched::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
+    let calcium_um = [step.ca_start_um, step.ca_end_um];
+    let of_node = |_| Ok(stretched);
+    let out = (&mut *trials, &mut *stress);
+    try_step_blocks(cell, step.dt_ms, of_node, calcium_um, states, out)?;
+    if are_sound(calcium_um, trials, stress) {
         return Ok(());
     }
-    // Node after node for the first one that fails.
-    for (node, out) in stress.iter_mut().enumerate() {
-        let range = node * N..(node + 1) * N;
-        *out = try_step(
-            cell,
-            &step.node(node),
-            &states[range.clone()],
-            &mut trials[range],
-        )?;
+    // For the error of the first one that fails.
+    in_turn(cell, |node| step.node(node), states, trials, stress)
+}
+
+/// See [`crate::contraction::Contraction::try_step_each`]: the same bits as node after node.
+pub(super) fn try_step_each(
+    cell: &Land2017,
+    step: &EachStep<'_>,
+    states: &[f64],
+    trials: &mut [f64],
+    stress: &mut [ActiveStress],
+) -> Result<(), ContractionError> {
+    let calcium_um = [step.ca_start_um, step.ca_end_um];
+    let of_node =
+        |node| Stretched::new(cell, step.dt_ms, step.lambda_prev[node], step.lambda[node]);
+    let out = (&mut *trials, &mut *stress);
+    let made = try_step_blocks(cell, step.dt_ms, of_node, calcium_um, states, out);
+    if made.is_ok() && are_sound(calcium_um, trials, stress) {
+        return Ok(());
     }
-    Ok(())
+    // For the error of the first one that fails.
+    in_turn(cell, |node| step.node(node), states, trials, stress)
 }
 
 #[cfg(test)]
@@ -560,6 +631,41 @@ mod tests {
     }
 
     #[test]
+    fn nodes_with_stretches_of_their_own_step_as_each_alone_to_the_bit() {
+        let land = cell(Land2017Parameters::default());
+        for n in [1, 16, 37] {
+            let ca: Vec<f64> = (0..n).map(|i| 0.1 + 0.02 * i as f64).collect();
+            let lambda_prev: Vec<f64> = (0..n).map(|i| 1.1 - 0.01 * i as f64).collect();
+            let lambda: Vec<f64> = lambda_prev.iter().map(|l| 0.997 * l).collect();
+            let states: Vec<f64> = (0..n)
+                .flat_map(|i| STATE.map(|x| x * (1.0 - 0.01 * i as f64)))
+                .collect();
+            let step = EachStep {
+                dt_ms: 1.0,
+                lambda_prev: &lambda_prev,
+                lambda: &lambda,
+                since_activation_ms: &vec![60.0; n],
+                ca_start_um: &ca,
+                ca_end_um: &ca,
+            };
+            let (mut trials, mut stress) = (vec![0.0; 6 * n], vec![ActiveStress::default(); n]);
+            land.try_step_each(&step, &states, &mut trials, &mut stress)
+                .unwrap();
+            for (node, stress) in stress.iter().enumerate() {
+                let (range, mut trial) = (6 * node..6 * node + 6, [0.0; 6]);
+                let alone = land
+                    .try_step(&step.node(node), &states[range.clone()], &mut trial)
+                    .unwrap();
+                assert_eq!(
+                    (alone, &trial[..]),
+                    (*stress, &trials[range]),
+                    "{node} of {n}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn the_first_node_that_fails_is_named() {
         let land = cell(Land2017Parameters::default());
         let (ca, states) = ([0.3, 0.3, -1.0], STATE.repeat(3));
@@ -598,16 +704,17 @@ mod tests {
             p.cap_unblocking = capped;
             p.allow_negative_k_wu = true;
             let land = cell(p);
-            let Ok(shared) = Shared::new(&land, dt, lambda_prev, lambda) else {
+            let shared = Shared::new(&land, dt);
+            let Ok(stretched) = Stretched::new(&land, dt, lambda_prev, lambda) else {
                 // Ca50 is not positive at this stretch.
                 return Ok(());
             };
             // Any derivative of the base will do: the stage is linear in it.
             let base = [trpn, 0.4, w, s, zw, zs].map(|v| Dual { v, d: 0.3 - v });
-            for (ca50, share) in shared.ca50.into_iter().zip([GAMMA, 1.0]) {
-                let x = shared.stage(base, ca, ca50);
+            for (ca50, share) in stretched.ca50.into_iter().zip([GAMMA, 1.0]) {
+                let x = shared.stage(base, ca, stretched.rate, ca50);
                 let at = Dual { v: lambda_prev + share * (lambda - lambda_prev), d: share };
-                let rates = land.k.rates(&x, Dual::of(ca), at, shared.rate);
+                let rates = land.k.rates(&x, Dual::of(ca), at, stretched.rate);
                 // The rate of B is a difference of large terms.
                 let stiff = shared.gh * land.k.k_b * land.k.blocking(x[0].v.ln()).0;
                 // So is the rate of CaTRPN where little of Ca50 is left.
