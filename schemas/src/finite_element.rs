@@ -295,6 +295,7 @@ pub struct FiniteElementSettings {
     /// Longest time step of late filling, that is after ejection, with the mitral valve open and
     /// four fifths of the volume back, while the pressure changes by less than 0.1 mmHg per
     /// millisecond. 0 for no separate limit.
+    #[serde(skip_serializing_if = "crate::absent::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
     pub diastolic_step_ms: f64,
     /// Number of parts into which the mesh is cut, each computed by a thread; 0 for one part per thread or MPI rank. Sums
@@ -327,7 +328,7 @@ impl Default for FiniteElementSettings {
             newton_iterations: 12,
             newton: NewtonSettings::default(),
             linear_solver: LinearSolver::default(),
-            diastolic_step_ms: 8.0,
+            diastolic_step_ms: 0.0,
             subdomains: 0,
             wall: WallSettings::default(),
             fibres: FibreAngles::default(),

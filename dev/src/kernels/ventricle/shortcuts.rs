@@ -124,9 +124,9 @@ fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
             ..tight
         },
         way("default", usual),
-        late("steps of late filling as long as any other", 1.0),
         late("steps of late filling twice as long", 2.0),
-        late("steps of late filling sixteen times as long", 16.0),
+        late("steps of late filling four times as long", 4.0),
+        late("steps of late filling eight times as long", 8.0),
         way(
             "Newton's tolerance 1e-3",
             StepSettings {
