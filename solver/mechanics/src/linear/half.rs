@@ -119,7 +119,7 @@ pub struct HalfTangent {
     scales: [f64; 2],
     /// `D` \[kPa/mm³\].
     bulk: Vec<f64>,
-    /// `D`, for stored entries of `G`.
+    /// Pressure per volume of stored entries of `G`: ranks exchange pressures, and each has a scale of its own.
     weights: Vec<f32>,
     /// Pressures of the last product.
     pressures: RefCell<Vec<f32>>,
@@ -196,10 +196,10 @@ impl HalfTangent {
         self.scales = [of_k, of_g].map(|k| 1.0 / f64::from(k));
         self.bulk.clear();
         self.bulk.extend_from_slice(&tangent.bulk);
-        let squared = self.scales[1] * self.scales[1];
+        let of_volume = self.scales[1];
         self.weights.clear();
         self.weights
-            .extend(tangent.bulk.iter().map(|d| (squared * d) as f32));
+            .extend(tangent.bulk.iter().map(|d| (of_volume * d) as f32));
         self.round(tangent, [of_k, of_k, of_k, of_g]);
     }
 }
@@ -268,6 +268,7 @@ fn rows(
 #[inline(always)]
 fn pressures(matrix: &HalfTangent, p: &[f32], y: &mut [[f32; 3]], convert: impl Convert) {
     let starts = &matrix.pattern.row_start;
+    let of_g = matrix.scales[1] as f32;
     for (row, y) in y.iter_mut().enumerate() {
         let range = starts[row] as usize..starts[row + 1] as usize;
         prefetch(&matrix.volumes, &range);
@@ -282,7 +283,7 @@ fn pressures(matrix: &HalfTangent, p: &[f32], y: &mut [[f32; 3]], convert: impl 
             }
         }
         for i in 0..3 {
-            y[i] += sum[i];
+            y[i] += of_g * sum[i];
         }
     }
 }
@@ -433,6 +434,58 @@ mod tests {
                     "{x} off by {off}"
                 );
             }
+        }
+    }
+
+    /// Two ranks with a node each, whose entries differ a thousandfold in size, and with them the ranks' scales.
+    #[test]
+    fn ranks_with_scales_of_their_own_exchange_pressures() {
+        use cardiotwin_linalg::parallel::{
+            Communicator as _, Layout, Neighbour, ThreadSettings, on_threads,
+        };
+        let largest_error = on_threads(2, ThreadSettings::default(), |comm| {
+            let size = [1.0, 1000.0][comm.rank()];
+            let layout = Layout {
+                n_owned: 1,
+                n_local: 2,
+                neighbours: vec![Neighbour {
+                    rank: 1 - comm.rank(),
+                    send: vec![0],
+                    receive: vec![1],
+                }],
+            };
+            let space = VectorLayout {
+                comm: &comm,
+                layout: &layout,
+            };
+            let pattern = Arc::new(Pattern {
+                row_start: vec![0, 2],
+                column: vec![0, 1],
+            });
+            let mut tangent = PackedTangent::zeros(pattern.clone());
+            let entry = |k: usize| (size * (k as f64).cos()) as f32;
+            let (blocks, volumes) = tangent.entries_mut();
+            for (slot, PackedBlock(block)) in blocks.iter_mut().enumerate() {
+                *block =
+                    std::array::from_fn(|j| std::array::from_fn(|i| entry(12 * slot + 4 * j + i)));
+            }
+            for (slot, PackedVolume(g)) in volumes.iter_mut().enumerate() {
+                *g = [entry(slot), entry(slot + 5), entry(slot + 7), 0.0];
+            }
+            tangent.bulk = vec![2.0, 2.0];
+            let mut half = HalfTangent::zeros(pattern);
+            half.copy_from(&tangent);
+            let mut x: Vec<f64> = (0..6)
+                .map(|k| f64::from(k + comm.rank() as i32).sin())
+                .collect();
+            let [mut want, mut got] = [vec![0.0; 6], vec![0.0; 6]];
+            tangent.multiply(space, &mut x, &mut want);
+            Operator::<f64>::multiply(&half, space, &mut x, &mut got);
+            let scale = want.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+            (0..3).fold(0.0_f64, |m, i| m.max((want[i] - got[i]).abs() / scale))
+        });
+        for error in largest_error.expect("no rank fails") {
+            assert!(error < 2e-3, "{error}");
         }
     }
 
