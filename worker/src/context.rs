@@ -67,6 +67,17 @@ impl Context {
         }
     }
 
+    /// Number of parts of a mesh, each computed by a thread: as many as asked for, or one per thread for 0.
+    #[must_use]
+    pub fn parts(&self, subdomains: u32) -> usize {
+        let parts = if subdomains > 0 {
+            subdomains
+        } else {
+            self.threads
+        };
+        parts.max(1) as usize
+    }
+
     /// Checks whether the task should stop. Tasks call this between steps of a few seconds at most.
     ///
     /// # Errors

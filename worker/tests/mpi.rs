@@ -32,6 +32,20 @@ fn mpirun(n_ranks: usize, arguments: &[&str]) -> Command {
     launcher::mpirun(program, n_ranks, arguments)
 }
 
+/// The task in `file` on so many ranks.
+fn simulation(n_ranks: usize, file: &Path, out: &Path) -> Command {
+    let ranks = n_ranks.to_string();
+    let arguments = [
+        "simulate",
+        text(file),
+        "--out",
+        text(out),
+        "--ranks",
+        &ranks,
+    ];
+    mpirun(n_ranks, &arguments)
+}
+
 fn output(mut command: Command) -> Output {
     command.output().expect("the launcher starts")
 }
@@ -141,15 +155,7 @@ fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop()
     fs::create_dir(&by_threads).expect("a folder");
     let want = run_task(&task, &mut Context::plain(&by_threads, 2));
     let by_ranks = folder.path().join("ranks");
-    let arguments = [
-        "simulate",
-        text(&file),
-        "--out",
-        text(&by_ranks),
-        "--ranks",
-        "2",
-    ];
-    let out = output(mpirun(2, &arguments));
+    let out = output(simulation(2, &file, &by_ranks));
     assert!(out.status.success(), "{}", said(&out));
     let got: TaskOutcome = serde_json::from_slice(&out.stdout).expect("an outcome");
     let iterations = |ending: Ending| match ending {
@@ -291,16 +297,7 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(
     let file = written(folder, task);
     for n_ranks in [1, 2, 4, 8] {
         let by_ranks = folder.join(format!("eight-on-{n_ranks}"));
-        let ranks = n_ranks.to_string();
-        let arguments = [
-            "simulate",
-            text(&file),
-            "--out",
-            text(&by_ranks),
-            "--ranks",
-            &ranks,
-        ];
-        let out = output(mpirun(n_ranks, &arguments));
+        let out = output(simulation(n_ranks, &file, &by_ranks));
         assert!(out.status.success(), "{}", said(&out));
         result(
             serde_json::from_slice::<TaskOutcome>(&out.stdout)
@@ -383,17 +380,7 @@ fn a_missing_file_is_an_outcome(folder: &Path, spec: &OrganBeatSpec) {
     };
     organ.ventricle.path = folder.join("gone.bin");
     let file = written(folder, &TaskSpec::OrganBeat(Box::new(spec)));
-    let out = output(mpirun(
-        2,
-        &[
-            "simulate",
-            text(&file),
-            "--out",
-            text(&folder.join("gone")),
-            "--ranks",
-            "2",
-        ],
-    ));
+    let out = output(simulation(2, &file, &folder.join("gone")));
     assert!(out.status.success(), "{}", said(&out));
     let outcome: TaskOutcome = serde_json::from_slice(&out.stdout).expect("an outcome");
     assert!(

@@ -65,7 +65,7 @@ fn residual<T: Entry>(
     for (r, b) in r.iter_mut().zip(b).take(space.n_owned()) {
         *r = T::nearest(b - (*r).into());
     }
-    space.dot(r, r).sqrt()
+    space.norm(r)
 }
 
 fn report(

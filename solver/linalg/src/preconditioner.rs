@@ -67,7 +67,7 @@ pub struct SingleBlockJacobi {
 impl SingleBlockJacobi {
     /// Inverts the diagonal blocks of `matrix`.
     #[must_use]
-    pub fn new<T>(matrix: &dyn Operator<T>) -> Self {
+    pub fn new(matrix: &dyn Operator) -> Self {
         let upper = |row: usize| {
             let b = inverse(&matrix.diagonal(row));
             let mean = |i: usize, j: usize| (0.5 * (b[3 * i + j] + b[3 * j + i])) as f32;

@@ -18,10 +18,9 @@ pub enum Workers<'a> {
 }
 
 impl<'a> Workers<'a> {
-    /// The team if there is one, otherwise threads: as many as `subdomains`, if there are any.
-    pub(crate) fn of(team: Option<&'a Team>, threads: u32, subdomains: u32) -> Self {
-        let threads = if subdomains > 0 { subdomains } else { threads };
-        team.map_or(Self::Threads(threads.max(1) as usize), Self::Team)
+    /// The team if there is one, otherwise threads.
+    pub(crate) fn of(team: Option<&'a Team>, threads: usize) -> Self {
+        team.map_or(Self::Threads(threads), Self::Team)
     }
 }
 

@@ -57,22 +57,14 @@ fn off(found: &Biomarkers, tight: &Biomarkers) -> [Option<f64>; 5] {
     REPORTED.map(|biomarker| Some(100.0 * (found.get(biomarker)? / tight.get(biomarker)? - 1.0)))
 }
 
-/// Longest step of late filling.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum LateFilling {
-    /// As the benchmark has it, which is a cohort's default.
-    Usual,
-    /// So many times as long as other steps.
-    Times(f64),
-}
-
 /// A way to run the beat.
 struct Way {
     name: &'static str,
     settings: StepSettings,
     /// Length of a step as a multiple of the usual one.
     step: f64,
-    late_filling: LateFilling,
+    /// Longest step of late filling as a multiple of other steps; `None` for the benchmark's, which is a cohort's default.
+    late_filling: Option<f64>,
     /// Whether the solver's state is discarded after each step.
     forgets: bool,
 }
@@ -89,7 +81,7 @@ fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
         name,
         settings,
         step: 1.0,
-        late_filling: LateFilling::Usual,
+        late_filling: None,
         forgets: false,
     };
     let tight = if nodes > FACTORISED {
@@ -115,12 +107,12 @@ fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
         )
     };
     let late = |name, times| Way {
-        late_filling: LateFilling::Times(times),
+        late_filling: Some(times),
         ..way(name, usual)
     };
     let mut ways = vec![
         Way {
-            late_filling: LateFilling::Times(1.0),
+            late_filling: Some(1.0),
             ..tight
         },
         way("default", usual),
@@ -220,10 +212,8 @@ pub fn shortcuts(
     for way in ways(bench.tolerance, subject.nodes) {
         let Way { name, settings, .. } = way;
         report(name);
-        let diastolic_step_ms = match way.late_filling {
-            LateFilling::Usual => bench.diastolic_step_ms,
-            LateFilling::Times(times) => times * bench.step_ms,
-        };
+        let diastolic_step_ms =
+            (way.late_filling).map_or(bench.diastolic_step_ms, |times| times * bench.step_ms);
         let bench = VentricleBench {
             step_ms: way.step * bench.step_ms,
             diastolic_step_ms,

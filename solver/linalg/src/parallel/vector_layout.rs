@@ -55,7 +55,7 @@ impl VectorLayout<'_> {
 
     /// Euclidean norm over all ranks. Collective.
     #[must_use]
-    pub fn norm(&self, a: &[f64]) -> f64 {
+    pub fn norm<T: Copy + Into<f64>>(&self, a: &[T]) -> f64 {
         self.dot(a, a).sqrt()
     }
 

@@ -127,17 +127,17 @@ impl VolumeChange {
     }
 }
 
-/// Deformation gradient `F` at an integration point.
+/// The first `K` columns of the deformation gradient `F` at an integration point.
 #[inline(always)]
-fn deformation<S: Simd, const N: usize>(
+fn deformation<S: Simd, const N: usize, const K: usize>(
     simd: S,
     x: &[[Eight; 3]; N],
     grad: &[[Eight; 3]; N],
     lane: usize,
-) -> [[Lanes<S>; 3]; 3] {
-    let mut f = [[Lanes::splat(simd, 0.0); 3]; 3];
+) -> [[Lanes<S>; K]; 3] {
+    let mut f = [[Lanes::splat(simd, 0.0); K]; 3];
     for a in 0..N {
-        for k in 0..3 {
+        for k in 0..K {
             let g = Lanes::load(simd, &grad[a][k][lane..]);
             for i in 0..3 {
                 f[i][k] = Lanes::load(simd, &x[a][i][lane..]).mul_add(g, f[i][k]);
@@ -164,6 +164,12 @@ fn cofactor<R: Real>(f: &[[R; 3]; 3]) -> [[R; 3]; 3] {
     out
 }
 
+/// Squared length of the first column of `F`.
+#[inline(always)]
+fn squared_fibre<R: Real, const K: usize>(f: &[[R; K]; 3]) -> R {
+    f[0][0].mul_add(f[0][0], f[1][0].mul_add(f[1][0], f[2][0] * f[2][0]))
+}
+
 /// Volume ratio and squared fibre stretch at each integration point.
 #[inline(always)]
 pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
@@ -179,13 +185,12 @@ pub fn volume_and_stretch<S: Simd, const N: usize, const Q: usize>(
             let cof = cofactor(&f);
             let j = f[0][0].mul_add(cof[0][0], f[0][1].mul_add(cof[0][1], f[0][2] * cof[0][2]));
             j.store(&mut volume_ratio[q][lane..]);
-            let c11 = f[0][0].mul_add(f[0][0], f[1][0].mul_add(f[1][0], f[2][0] * f[2][0]));
-            c11.store(&mut squared_stretch[q][lane..]);
+            squared_fibre(&f).store(&mut squared_stretch[q][lane..]);
         }
     }
 }
 
-/// Squared fibre stretch at each integration point, `|Σ xₐ gₐ₁|²`.
+/// Squared fibre stretch at each integration point, which reads a third of the gradients.
 #[inline(always)]
 pub fn squared_stretch<S: Simd, const N: usize, const Q: usize>(
     simd: S,
@@ -195,15 +200,8 @@ pub fn squared_stretch<S: Simd, const N: usize, const Q: usize>(
 ) {
     for lane in (0..BATCH).step_by(S::F64_LANES) {
         for q in 0..Q {
-            let mut fibre = [Lanes::splat(simd, 0.0); 3];
-            for a in 0..N {
-                let g = Lanes::load(simd, &batch.points[q].grad[a][0][lane..]);
-                for i in 0..3 {
-                    fibre[i] = Lanes::load(simd, &x[a][i][lane..]).mul_add(g, fibre[i]);
-                }
-            }
-            let c11 = fibre[0].mul_add(fibre[0], fibre[1].mul_add(fibre[1], fibre[2] * fibre[2]));
-            c11.store(&mut out[q][lane..]);
+            let fibre: [[Lanes<S>; 1]; 3] = deformation(simd, x, &batch.points[q].grad, lane);
+            squared_fibre(&fibre).store(&mut out[q][lane..]);
         }
     }
 }
@@ -259,7 +257,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     let zero = Lanes::splat(simd, 0.0);
     let grad = &batch.points[q].grad;
     let weight = Lanes::load(simd, &batch.points[q].weight[lane..]);
-    let f = deformation(simd, &input.x, grad, lane);
+    let f: [[Lanes<S>; 3]; 3] = deformation(simd, &input.x, grad, lane);
     let cof = cofactor(&f);
     let j = f[0][0].mul_add(cof[0][0], f[0][1].mul_add(cof[0][1], f[0][2] * cof[0][2]));
     let mut c: Sym<Lanes<S>> = [zero; 6];
@@ -287,7 +285,7 @@ fn point<S: Simd, const N: usize, const Q: usize, const TANGENT: bool>(
     let response = respond::<Lanes<S>, TANGENT>(tissue, &c, j, &load);
     let (mut s, mut d) = (response.s, response.d);
     if viscous.viscosity_kpa_ms > 0.0 {
-        let rate = deformation(simd, &input.velocity, grad, lane);
+        let rate: [[Lanes<S>; 3]; 3] = deformation(simd, &input.velocity, grad, lane);
         for (k, (m, n)) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
             .into_iter()
             .enumerate()

@@ -117,9 +117,7 @@ pub struct HalfTangent {
     volumes: Vec<HalfVolume>,
     /// Factors from stored entries of `K` and `G` to the tangent's.
     scales: [f64; 2],
-    /// `D` \[kPa/mm³\].
-    bulk: Vec<f64>,
-    /// Pressure per volume of stored entries of `G`: ranks exchange pressures, and each has a scale of its own.
+    /// `D`, per volume of stored entries of `G`: ranks exchange pressures, and each has a scale of its own.
     weights: Vec<f32>,
     /// Pressures of the last product.
     pressures: RefCell<Vec<f32>>,
@@ -161,7 +159,6 @@ impl HalfTangent {
             blocks: vec![[[0; 4]; 3]; n],
             volumes: vec![[0; 4]; n],
             scales: [1.0; 2],
-            bulk: vec![],
             weights: vec![],
             pressures: RefCell::default(),
         }
@@ -174,7 +171,7 @@ impl HalfTangent {
         let first = size_of::<HalfBlock>() + size_of::<u32>();
         // The vector, and the result, which is brought from memory before it is written.
         let vectors = n_local * 3 * 4 + n * 3 * 2 * 4;
-        let second = if self.bulk.is_empty() {
+        let second = if self.weights.is_empty() {
             0
         } else {
             let entry = size_of::<HalfVolume>() + size_of::<u32>();
@@ -194,8 +191,6 @@ impl HalfTangent {
         let of_k = scale(diagonal);
         let of_g = scale(tangent.volumes.iter().map(|PackedVolume(g)| *g));
         self.scales = [of_k, of_g].map(|k| 1.0 / f64::from(k));
-        self.bulk.clear();
-        self.bulk.extend_from_slice(&tangent.bulk);
         let of_volume = self.scales[1];
         self.weights.clear();
         self.weights
@@ -349,6 +344,22 @@ impl HalfTangent {
     }
 }
 
+impl HalfTangent {
+    /// `y = A x` for an `x` whose ghosts are up to date. Collective.
+    fn product(&self, space: VectorLayout<'_>, x: &[f32], y: &mut [f32]) {
+        let n = self.pattern.n_rows();
+        let (x, y) = (x.as_chunks::<3>().0, &mut y.as_chunks_mut::<3>().0[..n]);
+        let mut p = self.pressures.borrow_mut();
+        p.resize(n.max(self.weights.len()), 0.0);
+        self.rows(x, (&mut *y, &mut p[..n]));
+        if self.weights.is_empty() {
+            return;
+        }
+        space.comm.update_ghosts_single(space.layout, 1, &mut p);
+        self.add_pressures(&p, y);
+    }
+}
+
 impl Operator<f32> for HalfTangent {
     fn n_rows(&self) -> usize {
         self.pattern.n_rows()
@@ -356,25 +367,18 @@ impl Operator<f32> for HalfTangent {
 
     fn multiply(&self, space: VectorLayout<'_>, x: &mut [f32], y: &mut [f32]) {
         space.update_single(x);
-        let n = self.pattern.n_rows();
-        let (x, y) = (x.as_chunks::<3>().0, &mut y.as_chunks_mut::<3>().0[..n]);
-        let mut p = self.pressures.borrow_mut();
-        p.resize(n.max(self.bulk.len()), 0.0);
-        self.rows(x, (&mut *y, &mut p[..n]));
-        if self.bulk.is_empty() {
-            return;
-        }
-        space.comm.update_ghosts_single(space.layout, 1, &mut p);
-        self.add_pressures(&p, y);
+        self.product(space, x, y);
     }
 
     fn diagonal(&self, row: usize) -> [f64; 9] {
         let [of_k, of_g] = self.scales;
+        let weight = |vertex: usize| self.weights.get(vertex).copied().unwrap_or(0.0);
         diagonal(
-            (&self.pattern, &self.bulk),
+            &self.pattern,
             row,
             |slot, i, j| of_k * f64::from(decode(self.blocks[slot][j][i])),
             |slot, i| of_g * f64::from(decode(self.volumes[slot][i])),
+            |vertex| f64::from(weight(vertex)) / of_g,
         )
     }
 }
@@ -386,9 +390,10 @@ impl Operator for HalfTangent {
     }
 
     fn multiply(&self, space: VectorLayout<'_>, x: &mut [f64], y: &mut [f64]) {
-        let mut single: Vec<f32> = x.iter().map(|x| *x as f32).collect();
+        space.update(x);
+        let single: Vec<f32> = x.iter().map(|x| *x as f32).collect();
         let mut product = vec![0.0_f32; y.len()];
-        self.multiply(space, &mut single, &mut product);
+        self.product(space, &single, &mut product);
         for (y, product) in y.iter_mut().zip(product) {
             *y = f64::from(product);
         }

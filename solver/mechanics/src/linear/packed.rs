@@ -141,26 +141,28 @@ impl Operator for PackedTangent {
 
     fn diagonal(&self, row: usize) -> [f64; 9] {
         diagonal(
-            (&self.pattern, &self.bulk),
+            &self.pattern,
             row,
             |slot, i, j| f64::from(self.blocks[slot].0[j][i]),
             |slot, i| f64::from(self.volumes[slot].0[i]),
+            |vertex| self.bulk.get(vertex).copied().unwrap_or(0.0),
         )
     }
 }
 
-/// Diagonal block of a row of `K + G D Gᵀ`, from the entries of `K` (slot, row and column in the block) and of `G` (slot and
-/// row).
+/// Diagonal block of a row of `K + G D Gᵀ`, from the entries of `K` (slot, row and column in the block), of `G` (slot and row)
+/// and of `D` (vertex).
 pub(super) fn diagonal(
-    (pattern, bulk): (&Pattern, &[f64]),
+    pattern: &Pattern,
     row: usize,
     stiffness: impl Fn(usize, usize, usize) -> f64,
     volume: impl Fn(usize, usize) -> f64,
+    bulk: impl Fn(usize) -> f64,
 ) -> [f64; 9] {
     let mut out = [0.0; 9];
     for slot in pattern.row(row) {
         let column = pattern.column[slot] as usize;
-        let d = bulk.get(column).copied().unwrap_or(0.0);
+        let d = bulk(column);
         for i in 0..3 {
             for j in 0..3 {
                 out[3 * i + j] += d * volume(slot, i) * volume(slot, j);

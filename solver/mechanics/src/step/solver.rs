@@ -415,7 +415,7 @@ impl Linear<'_> {
                 krylov(
                     space,
                     (*half as &dyn Operator<f32>, &single),
-                    (*half, &double),
+                    (self.operator, &double),
                     (b, x),
                     &limits,
                     report,

@@ -97,14 +97,15 @@ impl EachStep<'_> {
     /// The step of node `node_idx`.
     #[must_use]
     pub fn node(&self, node_idx: usize) -> NodeStep {
-        NodeStep {
-            since_activation_ms: self.since_activation_ms[node_idx],
+        UniformStep {
             dt_ms: self.dt_ms,
-            ca_start_um: self.ca_start_um.get(node_idx).copied().unwrap_or(0.0),
-            ca_end_um: self.ca_end_um.get(node_idx).copied().unwrap_or(0.0),
             lambda_prev: self.lambda_prev[node_idx],
             lambda: self.lambda[node_idx],
+            since_activation_ms: self.since_activation_ms,
+            ca_start_um: self.ca_start_um,
+            ca_end_um: self.ca_end_um,
         }
+        .node(node_idx)
     }
 }
 

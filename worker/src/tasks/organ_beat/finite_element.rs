@@ -393,10 +393,10 @@ pub(super) fn assemble(
     let stored = StoredVentricle::read(&organ.ventricle)?;
     let made = with_parts(spec, organ, &stored, |parts, is_shared| {
         let Some(team) = context.team.as_ref().filter(|team| team.n_ranks() > 1) else {
-            let n_ranks = match equations(spec).subdomains {
-                _ if !is_shared => 1,
-                0 => context.threads.max(1) as usize,
-                parts => parts as usize,
+            let n_ranks = if is_shared {
+                context.parts(equations(spec).subdomains)
+            } else {
+                1
             };
             let ventricle =
                 FiniteElementVentricle::on_threads(parts, n_ranks, ThreadSettings::default());

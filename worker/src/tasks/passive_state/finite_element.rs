@@ -307,7 +307,7 @@ fn searched(
     context: &mut Context,
 ) -> Result<FoundState, TaskError> {
     let team = context.team.clone();
-    let workers = Workers::of(team.as_ref(), context.threads, subdomains);
+    let workers = Workers::of(team.as_ref(), context.parts(subdomains));
     let mut watch = |p: &SearchProgress| {
         context
             .progress
@@ -386,7 +386,7 @@ fn build(
             .report("mesh", 0.0, None, || format!("about {n_nodes} nodes"));
         let stand_in = (own.is_some() && n_nodes < last).then(|| of_a_stand_in(spec));
         let taken = if n_nodes == last { own.take() } else { None };
-        let workers = Workers::of(context.team.as_ref(), context.threads, spec.subdomains);
+        let workers = Workers::of(context.team.as_ref(), context.parts(spec.subdomains));
         let volumes = (target.image_ml, wall_ml);
         let made_of = stand_in.as_ref().unwrap_or(spec);
         let (mesh, times) = mesh(made_of, taken, n_nodes, volumes, workers, &mut seconds)?;
