@@ -90,14 +90,12 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::PassiveState(_) => 8,
-            Self::Discover(_) => 8,
-            Self::Step1Proposal(_) => 6,
-            Self::OrganBeat(_) => 10,
+            Self::OrganBeat(_) => 11,
+            Self::PassiveState(_) | Self::Discover(_) => 8,
+            Self::Step1Proposal(_) | Self::Step3Proposal(_) => 7,
             Self::CellFit(_) => 6,
-            Self::Step3Proposal(_) => 6,
-            Self::Targets(_) | Self::CellSweep(_) => 3,
-            Self::Posterior(_) => 2,
+            Self::CellSweep(_) => 4,
+            Self::Targets(_) | Self::Posterior(_) => 3,
             Self::Noop(_) => 1,
         }
     }

@@ -79,8 +79,8 @@ fn rerun_with_damping_continues_from_stored_iterations() {
 
 /// The paper's exceptional patient, whose tenth simulation was aborted, so that the ninth was used.
 /// Here too a simulation fails, the best earlier iteration is used, step 2 starts from it, and a
-/// damped rerun continues after the failed one. The cell's stretch is the paper's and activation
-/// begins with the beat, because the iteration of step 1 then runs away.
+/// damped rerun continues after the failed one. With one evaluation of the wall for each step, the
+/// beat diverges as the rise of the stress becomes fast from simulation to simulation.
 #[test]
 fn a_stalled_step_1_is_a_result_and_can_be_continued() {
     let cohort = Cohort::quick_of("04-CoA");
@@ -88,6 +88,13 @@ fn a_stalled_step_1_is_a_result_and_can_be_continued() {
     let text = std::fs::read_to_string(&file).unwrap();
     let runaway = "solver.cell_stretch = \"end-diastole\"\nsolver.activation.onset_ms = 0";
     std::fs::write(&file, format!("{runaway}\n{text}")).unwrap();
+    let patient = cohort.path().join("patients/04-CoA/patient.toml");
+    let text = std::fs::read_to_string(&patient).unwrap();
+    let tight = text
+        .replace("newton_iterations = 2", "newton_iterations = 1")
+        .replace("shortest_step_ms = 0.25", "shortest_step_ms = 0.03");
+    assert_ne!(tight, text);
+    std::fs::write(&patient, tight).unwrap();
     cohort.call(&["run", "--no-report"]);
     let before = cohort.patient("04-CoA");
     assert_eq!(

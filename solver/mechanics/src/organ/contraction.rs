@@ -225,12 +225,13 @@ impl PointContraction {
                 .zip(&self.since_ms)
                 .zip(&self.duration)
             {
-                *ca = calcium.concentration_um(if *since < 0.0 {
+                *ca = if *since < 0.0 {
                     (since + length) / duration
                 } else {
                     *since
-                });
+                };
             }
+            calcium.of_times(&mut self.trial.ca_um);
         }
     }
 

@@ -12,6 +12,14 @@ pub trait Calcium: std::fmt::Debug + Send + Sync {
     /// activation.
     fn concentration_um(&self, since_activation_ms: f64) -> f64;
 
+    /// Replaces times since activation \[ms\] by calcium \[µM\], to within round-off of
+    /// [`Self::concentration_um`].
+    fn of_times(&self, times_to_um: &mut [f64]) {
+        for value in times_to_um {
+            *value = self.concentration_um(*value);
+        }
+    }
+
     /// Calcium \[µM\] and its right-sided time derivative \[µM/ms\] at the same time.
     fn value_and_rate(&self, since_activation_ms: f64) -> (f64, f64);
 }

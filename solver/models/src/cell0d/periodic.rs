@@ -116,10 +116,8 @@ fn prepare_grid(cell: &Cell0d, beat: &mut CellBeat) {
     if length > whole as f64 {
         beat.time_ms.push(length);
     }
-    let calcium = cell.calcium();
-    beat.ca_um.clear();
-    beat.ca_um
-        .extend(beat.time_ms.iter().map(|&t| calcium.concentration_um(t)));
+    beat.ca_um.clone_from(&beat.time_ms);
+    cell.calcium().of_times(&mut beat.ca_um);
 }
 
 /// Change of the states over a beat, the distortions as ζ rather than z.

@@ -22,6 +22,24 @@ struct Connection {
     direction: Direction,
 }
 
+impl Connection {
+    /// Pressure difference that drives the path's flow \[mmHg\].
+    fn difference(&self, cavity_mmhg: f64, compartment_mmhg: f64) -> f64 {
+        match self.direction {
+            Direction::OutOfVentricle => cavity_mmhg - compartment_mmhg,
+            Direction::IntoVentricle => compartment_mmhg - cavity_mmhg,
+        }
+    }
+
+    /// A flow in the path's direction, counted into the compartment.
+    fn signed(&self, flow: f64) -> f64 {
+        match self.direction {
+            Direction::OutOfVentricle => flow,
+            Direction::IntoVentricle => -flow,
+        }
+    }
+}
+
 /// Response of the circulation to a candidate cavity pressure at the end of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetFlow {
@@ -60,9 +78,9 @@ pub struct Circulation {
     now: CirculationState,
     /// Trial flows of the last evaluation, one per path.
     trial: Vec<f64>,
-    trial_open: Vec<bool>,
     trial_pressures: Vec<f64>,
-    pending: Option<TimeStep>,
+    /// Step and cavity pressure of the trial.
+    pending: Option<(TimeStep, Mmhg)>,
 }
 
 impl Default for Circulation {
@@ -89,7 +107,6 @@ impl Circulation {
                 passed_ml: Vec::new(),
             },
             trial: Vec::new(),
-            trial_open: Vec::new(),
             trial_pressures: Vec::new(),
             pending: None,
         }
@@ -128,7 +145,6 @@ impl Circulation {
         self.now.passed_ml.push(0.0);
         self.now.open.push(false);
         self.trial.push(0.0);
-        self.trial_open.push(false);
         self.connections.len() - 1
     }
 
@@ -262,22 +278,22 @@ impl Circulation {
 
     /// Sum of the flows into a compartment at its candidate pressure, and its derivative with
     /// respect to the cavity pressure. The laws depend only on the pressure difference, so that the
-    /// derivative with respect to the compartment pressure is the negative of it.
-    fn inflow(&self, compartment_idx: usize, cavity_mmhg: f64, pressure_mmhg: f64) -> (f64, f64) {
+    /// derivative with respect to the compartment pressure is the negative of it. Keeps the flows as
+    /// the trial.
+    fn inflow(
+        &mut self,
+        compartment_idx: usize,
+        cavity_mmhg: f64,
+        pressure_mmhg: f64,
+    ) -> (f64, f64) {
         let (mut flow, mut slope) = (0.0, 0.0);
-        for c in self
-            .connections
-            .iter()
-            .filter(|c| c.compartment_idx == compartment_idx)
-        {
-            let (q, dq) = match c.direction {
-                Direction::OutOfVentricle => c.path.flow(cavity_mmhg - pressure_mmhg),
-                Direction::IntoVentricle => {
-                    let (q, dq) = c.path.flow(pressure_mmhg - cavity_mmhg);
-                    (-q, dq)
-                }
-            };
-            flow += q;
+        for (c, trial) in self.connections.iter().zip(&mut self.trial) {
+            if c.compartment_idx != compartment_idx {
+                continue;
+            }
+            let (q, dq) = c.path.flow(c.difference(cavity_mmhg, pressure_mmhg));
+            *trial = q;
+            flow += c.signed(q);
             slope += dq;
         }
         (flow, slope)
@@ -309,15 +325,7 @@ impl Circulation {
             net -= flow;
             slope -= dflow;
         }
-        for (i, c) in self.connections.iter().enumerate() {
-            let difference = match c.direction {
-                Direction::OutOfVentricle => cavity.0 - self.trial_pressures[c.compartment_idx],
-                Direction::IntoVentricle => self.trial_pressures[c.compartment_idx] - cavity.0,
-            };
-            self.trial[i] = c.path.flow(difference).0;
-            self.trial_open[i] = c.path.is_open(difference);
-        }
-        self.pending = Some(step);
+        self.pending = Some((step, cavity));
         Ok(NetFlow {
             inflow_ml_per_s: net,
             slope_ml_per_s_per_mmhg: slope,
@@ -333,10 +341,10 @@ impl Circulation {
         step: TimeStep,
     ) -> Result<(f64, f64), CirculationError> {
         const LIMIT: usize = 100;
-        let compartment = &self.compartments[idx];
-        let state = &self.now.states[self.first_state[idx]..self.first_state[idx + 1]];
-        if compartment.is_source() {
-            let (pressure, _) = compartment.pressure(state, 0.0, step);
+        let states = self.first_state[idx]..self.first_state[idx + 1];
+        if self.compartments[idx].is_source() {
+            let state = &self.now.states[states.clone()];
+            let (pressure, _) = self.compartments[idx].pressure(state, 0.0, step);
             let (flow, slope) = self.inflow(idx, cavity_mmhg, pressure);
             self.trial_pressures[idx] = pressure;
             if flow.is_finite() {
@@ -347,7 +355,8 @@ impl Circulation {
         let mut pressure = self.trial_pressures[idx];
         for _ in 0..LIMIT {
             let (flow, slope) = self.inflow(idx, cavity_mmhg, pressure);
-            let (wanted, stiffness) = compartment.pressure(state, flow, step);
+            let state = &self.now.states[states.clone()];
+            let (wanted, stiffness) = self.compartments[idx].pressure(state, flow, step);
             let residual = pressure - wanted;
             let gain = 1.0 + stiffness * slope;
             if !residual.is_finite() {
@@ -388,22 +397,13 @@ impl Circulation {
 
     /// Accepts the pending trial, if there is one.
     pub fn commit(&mut self) {
-        let Some(step) = self.pending.take() else {
+        let Some((step, cavity)) = self.pending.take() else {
             return;
         };
         for (idx, compartment) in self.compartments.iter().enumerate() {
-            let inflow: f64 = self
-                .connections
-                .iter()
-                .zip(&self.trial)
-                .filter(|(c, _)| c.compartment_idx == idx)
-                .map(|(c, q)| {
-                    if c.direction == Direction::OutOfVentricle {
-                        *q
-                    } else {
-                        -q
-                    }
-                })
+            let into = self.connections.iter().zip(&self.trial);
+            let inflow = (into.filter(|(c, _)| c.compartment_idx == idx))
+                .map(|(c, q)| c.signed(*q))
                 .sum();
             compartment.advance(
                 &mut self.now.states[self.first_state[idx]..self.first_state[idx + 1]],
@@ -415,7 +415,10 @@ impl Circulation {
             .pressures_mmhg
             .copy_from_slice(&self.trial_pressures);
         self.now.flows_ml_per_s.copy_from_slice(&self.trial);
-        self.now.open.copy_from_slice(&self.trial_open);
+        for (open, c) in self.now.open.iter_mut().zip(&self.connections) {
+            let difference = c.difference(cavity.0, self.trial_pressures[c.compartment_idx]);
+            *open = c.path.is_open(difference);
+        }
         for (passed, flow) in self.now.passed_ml.iter_mut().zip(&self.trial) {
             *passed += flow * step.dt_ms * 1e-3;
         }

@@ -102,10 +102,12 @@ pub fn find(
         .chain(model.circulation.beat_state())
         .collect();
     let start = x[0];
-    // Steps no more exact than the beat is asked to be: half an iteration a step less.
+    // Steps no more exact than the beat is asked to be: half an iteration a step less. Plain ones,
+    // with which the search for missing effects was evaluated: its marginal decisions follow the
+    // last digits.
     model
         .ventricle
-        .accept_residual((0.01 * settings.tolerance).clamp(1e-8, 1e-6));
+        .solve_plainly((0.01 * settings.tolerance).clamp(1e-8, 1e-6));
     let mut acceleration = Acceleration::default();
     if let Some(orbit) = near.filter(|orbit| orbit.state.len() == x.len()) {
         x.copy_from_slice(&orbit.state);

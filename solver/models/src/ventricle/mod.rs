@@ -1,13 +1,15 @@
 //! Interface of a ventricle that advances together with the circulation.
 
 pub mod activation;
+pub mod group_contraction;
 pub mod one_fibre;
 pub mod passive_state;
+mod recent_inflow;
 
 pub use activation::{ActivationGroups, ActivationSpread};
+pub use group_contraction::{GroupContraction, NodeContraction};
 pub use one_fibre::{
-    CavityPressureTerm, GroupContraction, OneFibreParameters, OneFibreVentricle,
-    steps_before_the_beat,
+    CavityPressureTerm, OneFibreParameters, OneFibreVentricle, steps_before_the_beat,
 };
 pub use passive_state::{
     DiastasisPoint, OneFibrePassive, PassiveLaw, PassiveStateInput, PassiveStateMode,

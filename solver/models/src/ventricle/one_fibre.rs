@@ -9,125 +9,16 @@ use super::passive_state::{
     OneFibrePassive, PassiveLaw as _, pressure_per_stress, stress_at_stretch, stretch,
     stretch_ratio,
 };
+use super::recent_inflow::RecentInflow;
 use super::{
-    ActivationGroups, ActivationSpread, TriedStep, Ventricle, VentricleError, VentricleSnapshot,
+    ActivationGroups, ActivationSpread, GroupContraction, TriedStep, Ventricle, VentricleError,
+    VentricleSnapshot,
 };
 use crate::calcium::Calcium;
-use crate::cell0d::{Cell0d, CellBeat};
 use crate::circulation::Circulation;
-use crate::contraction::{
-    ActiveStress, Contraction, Land2017, StretchReference, Tanh, UniformStep,
-};
+use crate::contraction::{ActiveStress, Contraction, UniformStep};
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 use std::sync::Arc;
-
-/// Contraction model of all groups, with its calcium and initial state.
-#[derive(Debug)]
-pub struct GroupContraction {
-    model: Box<dyn Contraction>,
-    calcium: Option<Arc<dyn Calcium>>,
-    start_state: Vec<f64>,
-    stretch: StretchReference,
-}
-
-impl GroupContraction {
-    /// Tanh model in every group.
-    #[must_use]
-    pub fn tanh(tanh: Tanh) -> Self {
-        Self {
-            model: Box::new(tanh),
-            calcium: None,
-            start_state: Vec::new(),
-            stretch: StretchReference::EndDiastole,
-        }
-    }
-
-    /// Land model with the calcium of a 0D cell, started from the cell's periodic state.
-    #[must_use]
-    pub fn land(cell: &Cell0d, beat: &CellBeat) -> Self {
-        let land: Land2017 = *cell.land();
-        Self {
-            model: Box::new(land),
-            calcium: Some(cell.shared_calcium()),
-            start_state: beat.start_state.land.to_vec(),
-            stretch: StretchReference::EndDiastole,
-        }
-    }
-
-    /// Any other model, with `calcium` if it needs one and a `start_state` of matching length.
-    ///
-    /// # Errors
-    /// [`VentricleError::Parameter`] if the length of the state does not match the model, or
-    /// calcium is missing.
-    pub fn new(
-        model: Box<dyn Contraction>,
-        calcium: Option<Arc<dyn Calcium>>,
-        start_state: Vec<f64>,
-    ) -> Result<Self, VentricleError> {
-        if start_state.len() != model.n_states() {
-            let (value, expected) = (
-                start_state.len() as f64,
-                "as many as the contraction model has states",
-            );
-            return Err(VentricleError::Parameter {
-                name: "start states",
-                value,
-                expected,
-            });
-        }
-        if model.needs_calcium() && calcium.is_none() {
-            return Err(VentricleError::Parameter {
-                name: "calcium",
-                value: f64::NAN,
-                expected: "given for this contraction model",
-            });
-        }
-        Ok(Self {
-            model,
-            calcium,
-            start_state,
-            stretch: StretchReference::EndDiastole,
-        })
-    }
-}
-
-/// Model, calcium and initial state of one node, and the reference length of its stretch.
-pub type NodeContraction = (
-    Box<dyn Contraction>,
-    Option<Arc<dyn Calcium>>,
-    Vec<f64>,
-    StretchReference,
-);
-
-impl GroupContraction {
-    /// Returns the contraction with another reference length of the stretch than that at
-    /// end-diastole.
-    #[must_use]
-    pub fn with_stretch(self, stretch: StretchReference) -> Self {
-        Self { stretch, ..self }
-    }
-
-    /// Splits into the parts of one node, for a ventricle with its own nodes.
-    #[must_use]
-    pub fn into_parts(self) -> NodeContraction {
-        (self.model, self.calcium, self.start_state, self.stretch)
-    }
-
-    /// Wraps the model into another one that keeps `own_start` as additional states after those of
-    /// each node.
-    #[must_use]
-    pub fn wrapped(
-        mut self,
-        own_start: &[f64],
-        wrap: impl FnOnce(Box<dyn Contraction>) -> Box<dyn Contraction>,
-    ) -> Self {
-        self.start_state.extend_from_slice(own_start);
-        Self {
-            model: wrap(self.model),
-            ..self
-        }
-    }
-}
 
 /// An additional term of the cavity pressure, such as a pericardium or wall viscosity. The base
 /// model has none.
@@ -157,8 +48,9 @@ pub struct OneFibreParameters {
 struct State {
     time_ms: f64,
     volume_ml: f64,
-    rate_ml_per_s: f64,
+    inflow: RecentInflow,
     pressure_mmhg: f64,
+    /// Stretch of the cells, from which the next step starts.
     lambda: f64,
     cells: Vec<f64>,
     sa_kpa: Vec<f64>,
@@ -181,6 +73,7 @@ pub struct OneFibreVentricle {
     pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
     iteration_limit: usize,
     accepted_residual_ml: f64,
+    is_plain: bool,
     now: State,
     trial: Trial,
 }
@@ -190,9 +83,12 @@ pub struct OneFibreVentricle {
 struct Trial {
     pending: bool,
     time_ms: f64,
+    dt_ms: f64,
     volume_ml: f64,
-    rate_ml_per_s: f64,
+    inflow_ml_per_s: f64,
     pressure_mmhg: f64,
+    /// Stretch of the cells in the last evaluation.
+    lambda: f64,
     since_activation_ms: Vec<f64>,
     ca_um: Vec<f64>,
     cells: Vec<f64>,
@@ -200,9 +96,14 @@ struct Trial {
 }
 
 /// Kind of ventricle in snapshots.
-const KIND: &str = "one-fibre 1";
+const KIND: &str = "one-fibre 2";
 /// Residual of the volume balance at which a step is accepted by default \[mL\].
 const RESIDUAL_ML: f64 = 1e-8;
+/// Volume \[mL\] over which the slope of a step's residual changes by a tenth at most. A correction δ of Newton's method leaves
+/// a tenth of δ²/CURVATURE_ML.
+const CURVATURE_ML: f64 = 1.0;
+/// Largest correction \[mL\] without another evaluation of a model with states, which stay at the stretch before it.
+const STATES_ML: f64 = 1e-4;
 /// Default limit of iterations, Newton's and bisection's together.
 const ITERATIONS: usize = 60;
 
@@ -214,6 +115,20 @@ pub fn steps_before_the_beat(earliest_ms: f64) -> impl Iterator<Item = (f64, f64
     (0..n as usize)
         .rev()
         .map(move |left| (-dt_ms * left as f64, dt_ms))
+}
+
+/// Weighted sums of the groups' stress \[kPa\] and of its slope. Four sums of each go side by
+/// side, since a single one would wait for each addition.
+fn weighted_mean(weights: &[f64], stress: &[ActiveStress]) -> (f64, f64) {
+    let (mut sa, mut dsa) = ([0.0; 4], [0.0; 4]);
+    for (weights, stress) in weights.chunks(4).zip(stress.chunks(4)) {
+        for (lane, (weight, stress)) in weights.iter().zip(stress).enumerate() {
+            sa[lane] += weight * stress.sa_kpa;
+            dsa[lane] += weight * stress.dsa_dlambda_kpa;
+        }
+    }
+    let sum = |lanes: [f64; 4]| (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+    (sum(sa), sum(dsa))
 }
 
 impl OneFibreVentricle {
@@ -268,6 +183,7 @@ impl OneFibreVentricle {
             pressure_terms,
             iteration_limit: ITERATIONS,
             accepted_residual_ml: RESIDUAL_ML,
+            is_plain: false,
             now: State {
                 volume_ml,
                 lambda: cell_stretch,
@@ -327,9 +243,11 @@ impl OneFibreVentricle {
         self.iteration_limit = limit.max(1);
     }
 
-    /// Sets the residual of the volume balance at which a step is accepted \[mL\].
-    pub(crate) fn accept_residual(&mut self, residual_ml: f64) {
+    /// Starts steps from the last inflow and evaluates the wall for each candidate, up to a residual
+    /// of the volume balance \[mL\].
+    pub(crate) fn solve_plainly(&mut self, residual_ml: f64) {
         self.accepted_residual_ml = residual_ml;
+        self.is_plain = true;
     }
 
     /// Passive law of the wall.
@@ -382,8 +300,9 @@ impl OneFibreVentricle {
                 .iter_mut()
                 .zip(&self.trial.since_activation_ms)
             {
-                *ca = calcium.concentration_um(if *since < 0.0 { since + length } else { *since });
+                *ca = if *since < 0.0 { since + length } else { *since };
             }
+            calcium.of_times(&mut self.trial.ca_um);
         }
     }
 
@@ -416,11 +335,9 @@ impl OneFibreVentricle {
                 t_ms: self.now.time_ms + dt_ms,
                 source,
             })?;
-        let (mut sa, mut dsa) = (0.0, 0.0);
-        for (weight, stress) in self.weights.iter().zip(&self.trial.stress) {
-            sa += weight * stress.sa_kpa;
-            dsa += weight * stress.dsa_dlambda_kpa * self.cell_stretch;
-        }
+        self.trial.lambda = step.lambda;
+        let (sa, dsa) = weighted_mean(&self.weights, &self.trial.stress);
+        let dsa = dsa * self.cell_stretch;
         let (lambda, dlambda_passive) = (lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
         let (passive, dpassive) = stress_at_stretch(&self.passive, lambda, dlambda_passive);
         let (factor, dfactor) = pressure_per_stress(volume_ml, wall);
@@ -437,9 +354,32 @@ impl OneFibreVentricle {
         Ok((pressure, slope))
     }
 
+    /// Keeps the end of a step for [`Ventricle::commit`].
+    fn found(
+        &mut self,
+        volume_ml: f64,
+        pressure_mmhg: f64,
+        inflow_ml_per_s: f64,
+        iterations: usize,
+    ) -> TriedStep {
+        self.trial.volume_ml = volume_ml;
+        self.trial.pressure_mmhg = pressure_mmhg;
+        self.trial.inflow_ml_per_s = inflow_ml_per_s;
+        TriedStep {
+            pressure: Mmhg(pressure_mmhg),
+            volume: Ml(volume_ml),
+            iterations,
+        }
+    }
+
     /// Finds the volume at which the circulation delivers the change of volume. The residual
     /// `V − V_n − dt Q(p(V))` increases wherever the ventricle stiffens with volume. A bracket
     /// guards Newton where it does not, and across kinks of the valves.
+    ///
+    /// The first candidate extrapolates the recent inflow, so that Newton's first correction is
+    /// mostly small. The wall is not evaluated again after a small correction, over which its
+    /// pressure is linear to within the accepted residual. Cells with states stay at the stretch of
+    /// the evaluation, from which their next step starts.
     fn solve(
         &mut self,
         circulation: &mut Circulation,
@@ -449,7 +389,19 @@ impl OneFibreVentricle {
         let start = self.now.volume_ml;
         // The bracket spans volumes from an empty cavity to three times the start.
         let (mut low, mut high) = (0.02 * start, 3.0 * start);
-        let mut volume = (start + self.now.rate_ml_per_s * dt_s).clamp(0.9 * start, 1.1 * start);
+        let (inflow, small) = if self.is_plain {
+            (self.now.inflow.last(), 0.0)
+        } else {
+            let small = (CURVATURE_ML * self.accepted_residual_ml).sqrt();
+            let has_states = !self.now.cells.is_empty();
+            let small = if has_states {
+                small.min(STATES_ML)
+            } else {
+                small
+            };
+            (self.now.inflow.extrapolated(dt_ms), small)
+        };
+        let mut volume = (start + inflow * dt_s).clamp(0.9 * start, 1.1 * start);
         let mut residual = f64::NAN;
         for iterations in 1..=self.iteration_limit {
             let (pressure, dpressure) = self.cavity_pressure(volume, dt_ms)?;
@@ -459,22 +411,24 @@ impl OneFibreVentricle {
                 break;
             }
             if residual.abs() <= self.accepted_residual_ml {
-                self.trial.volume_ml = volume;
-                self.trial.rate_ml_per_s = flow.inflow_ml_per_s;
-                self.trial.pressure_mmhg = pressure;
-                return Ok(TriedStep {
-                    pressure: Mmhg(pressure),
-                    volume: Ml(volume),
-                    iterations,
-                });
+                return Ok(self.found(volume, pressure, flow.inflow_ml_per_s, iterations));
+            }
+            let slope = 1.0 - dt_s * flow.slope_ml_per_s_per_mmhg * dpressure;
+            let correction = -residual / slope;
+            if correction.abs() <= small {
+                let pressure = pressure + dpressure * correction;
+                let flow = circulation.try_step(Mmhg(pressure), Ms(dt_ms))?;
+                let delivered = start + dt_s * flow.inflow_ml_per_s;
+                if (delivered - (volume + correction)).abs() <= self.accepted_residual_ml {
+                    return Ok(self.found(delivered, pressure, flow.inflow_ml_per_s, iterations));
+                }
             }
             if residual < 0.0 {
                 low = low.max(volume);
             } else {
                 high = high.min(volume);
             }
-            let slope = 1.0 - dt_s * flow.slope_ml_per_s_per_mmhg * dpressure;
-            let newton = volume - residual / slope;
+            let newton = volume + correction;
             // The first third of the iterations may be Newton's; afterwards only the bracket
             // counts.
             let use_newton = iterations <= ITERATIONS / 3 && newton > low && newton < high;
@@ -523,6 +477,7 @@ impl Ventricle for OneFibreVentricle {
             });
         }
         self.trial.time_ms = self.now.time_ms + dt.0;
+        self.trial.dt_ms = dt.0;
         self.prepare_groups(self.trial.time_ms);
         let tried = self.solve(circulation, dt.0)?;
         self.trial.pending = true;
@@ -534,11 +489,16 @@ impl Ventricle for OneFibreVentricle {
             return;
         }
         self.trial.pending = false;
-        let lambda = self.cell_stretch(self.trial.volume_ml);
+        // States of cells belong to the stretch of the last evaluation.
+        let lambda = if self.is_plain || self.now.cells.is_empty() {
+            self.cell_stretch(self.trial.volume_ml)
+        } else {
+            self.trial.lambda
+        };
         let (now, trial) = (&mut self.now, &mut self.trial);
         now.time_ms = trial.time_ms;
         now.volume_ml = trial.volume_ml;
-        now.rate_ml_per_s = trial.rate_ml_per_s;
+        now.inflow.push(trial.inflow_ml_per_s, trial.dt_ms);
         now.pressure_mmhg = trial.pressure_mmhg;
         now.lambda = lambda;
         std::mem::swap(&mut now.cells, &mut trial.cells);
@@ -578,12 +538,8 @@ impl Ventricle for OneFibreVentricle {
 
     fn snapshot(&self) -> VentricleSnapshot {
         let now = &self.now;
-        let mut values = vec![
-            now.time_ms,
-            now.volume_ml,
-            now.rate_ml_per_s,
-            now.pressure_mmhg,
-        ];
+        let mut values = vec![now.time_ms, now.volume_ml, now.pressure_mmhg, now.lambda];
+        values.extend(now.inflow.to_values());
         for part in [&now.cells, &now.sa_kpa, &now.ca_um] {
             values.extend_from_slice(part);
         }
@@ -596,7 +552,7 @@ impl Ventricle for OneFibreVentricle {
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {
         let now = &self.now;
         let lengths = [now.cells.len(), now.sa_kpa.len(), now.ca_um.len()];
-        let expected_values = 4 + lengths.iter().sum::<usize>();
+        let expected_values = 4 + RecentInflow::VALUES + lengths.iter().sum::<usize>();
         if snapshot.kind != KIND || snapshot.values.len() != expected_values {
             return Err(VentricleError::ForeignSnapshot {
                 found: snapshot.kind.clone(),
@@ -606,13 +562,13 @@ impl Ventricle for OneFibreVentricle {
             });
         }
         let (scalars, rest) = snapshot.values.split_at(4);
-        let lambda = self.cell_stretch(scalars[1]);
+        let (inflow, rest) = rest.split_at(RecentInflow::VALUES);
         let now = &mut self.now;
         now.time_ms = scalars[0];
         now.volume_ml = scalars[1];
-        now.rate_ml_per_s = scalars[2];
-        now.pressure_mmhg = scalars[3];
-        now.lambda = lambda;
+        now.pressure_mmhg = scalars[2];
+        now.lambda = scalars[3];
+        now.inflow = RecentInflow::of_values(inflow);
         let (cells, rest) = rest.split_at(lengths[0]);
         let (sa, ca) = rest.split_at(lengths[1]);
         now.cells.copy_from_slice(cells);

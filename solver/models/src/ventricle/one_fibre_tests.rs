@@ -5,7 +5,7 @@ use crate::beat::{BeatOutcome, BeatResult, BeatSettings, Beats, run_beats};
 use crate::calcium::Rice2008Parameters;
 use crate::cell0d::{CalciumInput, CellParameters, CellSolverSettings};
 use crate::circulation::{LeftHeart, StartPressure};
-use crate::contraction::TanhParameters;
+use crate::contraction::{Land2017, Tanh, TanhParameters};
 use crate::median_traces::MedianTraces;
 use crate::ventricle::{PassiveStateInput, PassiveStateMode};
 use cardiotwin_vocabulary::circulation::WindkesselParameters;
@@ -181,6 +181,35 @@ fn error_of_the_time_step_is_of_first_order() {
     let order = (coarse / fine).log2() / 2.0;
     assert!((order - 1.0).abs() < 0.2, "{coarse} {fine} {order}");
     assert!(coarse < 1.5, "{coarse} mL at 1 ms");
+}
+
+#[test]
+fn small_corrections_without_another_evaluation_leave_the_beat_alone() {
+    for contraction in [tanh as fn() -> GroupContraction, land] {
+        let beat = |is_plain: bool| {
+            let mut ventricle = ventricle(contraction(), Vec::new());
+            if is_plain {
+                ventricle.solve_plainly(1e-12);
+            }
+            let settings = BeatSettings::one_beat(CYCLE);
+            match run_beats(&mut ventricle, &mut heart().build().unwrap(), &settings) {
+                BeatOutcome::Finished(result) => *result,
+                BeatOutcome::Diverged { t, reason, .. } => panic!("diverged at {t}: {reason}"),
+            }
+        };
+        let (usual, exact) = (beat(false), beat(true));
+        let apart = |a: &[f64], b: &[f64]| {
+            let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
+            differences.fold(0.0, f64::max)
+        };
+        let volume = apart(&usual.traces.volume_ml, &exact.traces.volume_ml);
+        let pressure = apart(&usual.traces.pressure_mmhg, &exact.traces.pressure_mmhg);
+        assert!(volume < 1e-4 && pressure < 5e-4, "{volume} {pressure}");
+        let evaluations =
+            |result: &BeatResult| result.work.n_iterations as f64 / result.work.n_steps as f64;
+        let (usual, exact) = (evaluations(&usual), evaluations(&exact));
+        assert!(usual < 1.3 && exact > 1.8, "{usual} {exact}");
+    }
 }
 
 #[test]
