@@ -22,6 +22,7 @@ fn main() -> ExitCode {
     let sleep_ms = number(sleep_ms);
     let options = RunOptions {
         run_dir: PathBuf::from(run_dir),
+        chosen: None,
         cohort_name: "crash".into(),
         description: String::new(),
         cohort_dir: PathBuf::from(run_dir),

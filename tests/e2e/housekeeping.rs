@@ -125,7 +125,13 @@ fn a_purged_run_is_gone_on_with() {
     );
     // The first iteration becomes the best, so the targets read the traces of that beat.
     let said = cohort
-        .call(&["run", "--no-report", "--set", "step1.max_iterations=1"])
+        .call(&[
+            "run",
+            "--no-report",
+            "--yes",
+            "--set",
+            "step1.max_iterations=1",
+        ])
         .expect(0);
     assert!(
         said.err
@@ -217,7 +223,13 @@ fn attempts_lie_on_scratch_and_copies_in_the_archive() {
     // All of scratch is purged, including the run's folder.
     fs::remove_dir_all(&scratch).unwrap();
     let said = cohort
-        .call(&["run", "--no-report", "--set", "step1.max_iterations=1"])
+        .call(&[
+            "run",
+            "--no-report",
+            "--yes",
+            "--set",
+            "step1.max_iterations=1",
+        ])
         .expect(0);
     assert!(said.err.contains("it is recomputed"), "{}", said.err);
     let name = copy.to_string_lossy().into_owned();

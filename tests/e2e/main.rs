@@ -14,6 +14,7 @@ mod external;
 mod finite_element;
 mod fits;
 mod housekeeping;
+mod kept;
 mod launcher;
 mod mesh;
 mod notices;

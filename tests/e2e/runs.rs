@@ -100,7 +100,9 @@ fn space_mapping_proposes_each_simulation_and_goes_on_from_those_of_the_fixed_po
     );
 
     // The default again gives other iterations; a rerun then proposes on top of them.
-    cohort.call(&run).expect(0);
+    cohort
+        .call(&[&run[..], &["--unset", "all", "--yes"]].concat())
+        .expect(0);
     let before = cohort.patient("02-CoA")["iterations"]
         .as_array()
         .unwrap()
@@ -157,7 +159,7 @@ fn a_changed_setting_redoes_only_what_depends_on_it_and_explain_names_it() {
         before,
         "a dry run does nothing"
     );
-    cohort.call(&["run", "--no-report"]).expect(0);
+    cohort.call(&["run", "--no-report", "--yes"]).expect(0);
     let after = published(&cohort.patient("01-CoA"));
     let same: Vec<&str> = before
         .iter()

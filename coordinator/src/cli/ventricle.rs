@@ -19,6 +19,7 @@ use cardiotwin_schemas::verdict::Verdict;
 use tempfile::TempDir;
 
 use super::error::CliError;
+use super::kept;
 use super::place::Folders;
 use super::problems;
 use super::store::stored_overrides;
@@ -65,6 +66,7 @@ impl Ventricle {
         let overrides = stored_overrides(&folders.run, patient).await?;
         let options = Options {
             only: vec![patient.to_owned()],
+            kept: kept::assignments(&folders.run).await?,
             set: settings,
             overrides,
             meshes: true,

@@ -13,13 +13,14 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 use cardiotwin_schemas::status::RefusedPatient;
 
-pub use cardiotwin_workflow::patient::Stage;
+pub use cardiotwin_workflow::patient::{Stage, Step};
 pub use cardiotwin_workflow::task::Task;
 
 use crate::clock::{self, Clock};
 use crate::dispatch::slurm::{Installed, Scheduler};
 use crate::dispatch::{self, Executor, InProcess, Launcher, Local};
 use crate::store::Writer;
+use crate::store::chosen::CHOSEN;
 use crate::store::lease::Lease;
 use crate::store::lock::RunLock;
 use crate::store::outbox::Action;
@@ -60,8 +61,8 @@ mod worker_identity;
 pub use crate::store::file_system::shared as shared_file_system;
 pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{
-    AttemptRecord, EventRecord, JobRecord, LeafChange, MemberRecord, Reader, StepExplanation,
-    StoreError,
+    AttemptRecord, Chosen, EventRecord, JobRecord, LeafChange, MemberRecord, Reader,
+    StepExplanation, StoreError,
 };
 pub use crate::store::{back_up, try_locks};
 pub use books::ATTEMPTS;
@@ -100,6 +101,8 @@ pub struct RunOptions {
     pub refused: Vec<RefusedPatient>,
     /// Patients to work on; empty means all.
     pub only: Vec<PatientId>,
+    /// Choice that the run keeps; `None` leaves the one that is kept.
+    pub chosen: Option<Chosen>,
     /// Executor, number of workers and further settings of the execution.
     pub executor: ExecutorSettings,
     /// Path of the worker's executable; `None` means `cardiotwin-worker` beside this program.
@@ -278,6 +281,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<bool,
         patients: None,
         refused: Vec::new(),
         only: Vec::new(),
+        chosen: None,
         executor: ExecutorSettings::default(),
         worker: None,
         adopt_version: true,
@@ -329,6 +333,10 @@ async fn open(
                 (REFUSED, &refused),
             ])
             .await?;
+        if let Some(chosen) = &options.chosen {
+            let chosen = serde_json::to_string(chosen).expect("texts and settings are JSON");
+            writer.set_meta(&[(CHOSEN, &chosen)]).await?;
+        }
         decider.take_up(&mut books, plans, &options.refused)?;
     }
     let only = &options.only;

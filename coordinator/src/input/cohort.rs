@@ -29,6 +29,8 @@ pub struct Options {
     pub only: Vec<String>,
     /// Settings stored by `rerun`, by patient.
     pub overrides: BTreeMap<String, Value>,
+    /// Assignments `key=value` that the run keeps.
+    pub kept: Vec<String>,
     /// Assignments `key=value` from the command line.
     pub set: Vec<String>,
     /// Whether patients' own meshes are read and checked, which takes seconds for large meshes.
@@ -117,12 +119,13 @@ impl Cohort {
 /// cannot be read.
 pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<Cohort> {
     let path = inside(directory, "cohort.toml");
+    let kept = Layer::from_kept(&options.kept, report);
     let command_line = Layer::from_command_line(&options.set, report);
     let document = Document::read(&path, None, report)?;
     let file: CohortFile = read_as(&document, None, report)?;
     let cohort_layer = Layer::from_file(&file.layer(), &document, "");
     let defaults = Layer::defaults();
-    let layers = [&defaults, &cohort_layer, &command_line];
+    let layers = [&defaults, &cohort_layer, &kept, &command_line];
     let merged = Arc::new(merged(layers, &path, None, report)?);
     complain(&merged, None, report);
     check_defaults(&file, &document, report);
@@ -141,7 +144,7 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
             defaults: &defaults,
             cohort: &cohort_layer,
             overrides,
-            command_line: &command_line,
+            options: [&kept, &command_line],
             of_cohort: &merged,
             folder: directory,
             meshes: options.meshes,
@@ -207,7 +210,7 @@ pub fn load_alone(folder: &Path, report: &mut Report) -> Option<Patient> {
         defaults: &defaults,
         cohort: &nothing,
         overrides: None,
-        command_line: &nothing,
+        options: [&nothing; 2],
         of_cohort: &of_cohort,
         folder,
         meshes: false,
@@ -237,7 +240,8 @@ struct Layers<'a> {
     defaults: &'a Layer,
     cohort: &'a Layer,
     overrides: Option<Layer>,
-    command_line: &'a Layer,
+    /// Options that the run keeps, and those of the command line.
+    options: [&'a Layer; 2],
     /// The layers of all patients, merged and checked.
     of_cohort: &'a Arc<Merged>,
     /// Folder of the cohort.
@@ -273,7 +277,8 @@ fn load_patient(
             layers.defaults,
             layers.cohort,
             &own,
-            layers.command_line,
+            layers.options[0],
+            layers.options[1],
             &overrides,
         ];
         let settings = merged(all, &document.file, Some(id), report)?;

@@ -16,6 +16,8 @@ use super::shape::{fit, join, schema_of};
 
 /// Name for the command line's settings in messages.
 pub const COMMAND_LINE: &str = "--set";
+/// Name for options that a run keeps in messages.
+pub const KEPT: &str = "kept option";
 /// Name for settings stored by `rerun` in messages.
 pub const RERUN: &str = "rerun";
 
@@ -28,6 +30,8 @@ pub enum Origin {
     File(PathBuf, Position),
     /// Stored by `cardiotwin rerun`.
     Rerun,
+    /// Option of an earlier `run`, which the run keeps.
+    Kept,
     /// An argument `--set KEY=VALUE` of the command.
     CommandLine,
 }
@@ -38,6 +42,7 @@ impl std::fmt::Display for Origin {
             Self::Default => f.write_str("default"),
             Self::File(file, at) => write!(f, "{}:{}", file.display(), at.line),
             Self::Rerun => f.write_str(RERUN),
+            Self::Kept => f.write_str(KEPT),
             Self::CommandLine => f.write_str(COMMAND_LINE),
         }
     }
@@ -113,6 +118,19 @@ impl Layer {
 
     /// Assignments `key=value` from the command line.
     pub fn from_command_line(assignments: &[String], report: &mut Report) -> Self {
+        Self::from_assignments(assignments, (COMMAND_LINE, Origin::CommandLine), report)
+    }
+
+    /// Assignments `key=value` that a run keeps.
+    pub fn from_kept(assignments: &[String], report: &mut Report) -> Self {
+        Self::from_assignments(assignments, (KEPT, Origin::Kept), report)
+    }
+
+    fn from_assignments(
+        assignments: &[String],
+        (name, origin): (&str, Origin),
+        report: &mut Report,
+    ) -> Self {
         let mut root = BTreeMap::new();
         for assignment in assignments {
             match assignment.split_once('=') {
@@ -124,7 +142,7 @@ impl Layer {
                     let found = format!("`{assignment}`");
                     report.add(
                         None,
-                        Problem::error(Path::new(COMMAND_LINE), found, "key=value", remedy),
+                        Problem::error(Path::new(name), found, "key=value", remedy),
                     );
                 }
             }
@@ -134,12 +152,12 @@ impl Layer {
             value: Tree::Table(root),
         };
         let document = Document {
-            file: PathBuf::from(COMMAND_LINE),
+            file: PathBuf::from(name),
             root,
             sound: true,
         };
         let value = fit(&document, schema_of::<SettingsLayer>(), None, report);
-        Self::of(value, |_| Origin::CommandLine)
+        Self::of(value, |_| origin.clone())
     }
 
     /// The layer as JSON, in the form that `rerun` stores.
@@ -242,7 +260,8 @@ impl Merged {
     }
 }
 
-fn for_each_leaf(value: &Value, key: &str, visit: &mut impl FnMut(&str, &Value)) {
+/// Calls `visit` for each leaf of a tree, with its dotted key below `key`.
+pub fn for_each_leaf(value: &Value, key: &str, visit: &mut impl FnMut(&str, &Value)) {
     match value {
         Value::Object(map) => map
             .iter()
@@ -296,6 +315,7 @@ pub(super) fn place<'a>(
         }
         Origin::File(file, at) => (file, Some(*at), key.to_owned()),
         Origin::Rerun => (Path::new(RERUN), None, key.to_owned()),
+        Origin::Kept => (Path::new(KEPT), None, key.to_owned()),
         Origin::CommandLine | Origin::Default => (Path::new(COMMAND_LINE), None, key.to_owned()),
     }
 }

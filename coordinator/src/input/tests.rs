@@ -112,6 +112,7 @@ fn settings_are_layered_per_patient_and_keep_their_origin() {
             serde_json::json!({"step1": {"damping": 0.5}}),
         )]
         .into(),
+        kept: Vec::new(),
         set: vec!["step1.tolerance=0.05".into(), "step1.damping=0.95".into()],
         only: Vec::new(),
         meshes: false,

@@ -12,6 +12,7 @@
 pub mod attempts;
 mod batch;
 mod before;
+pub mod chosen;
 pub mod cluster_jobs;
 mod error;
 pub mod events;
@@ -37,6 +38,7 @@ mod view;
 mod writer;
 
 pub use batch::Batch;
+pub use chosen::Chosen;
 pub use cluster_jobs::JobRecord;
 pub use error::StoreError;
 pub use notable::Notable;

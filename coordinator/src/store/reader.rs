@@ -18,6 +18,7 @@ use sqlx::sqlite::SqliteRow;
 use tokio::sync::Mutex;
 
 use super::before::{self, Was};
+use super::chosen::{CHOSEN, Chosen};
 use super::cluster_jobs::{self, Allotment, ClusterReport, JobRecord, REPORT};
 use super::notable::Notable;
 use super::open::{DATABASE_FILE, ReadOnly, VERSION};
@@ -364,6 +365,18 @@ impl Reader {
         let id = self.find(patient).await?.id;
         let text: String = self.plan_row(id).await?.get("overrides");
         parse(&text, "plans", "overrides", &patient)
+    }
+
+    /// Choice of the last `run`; `None` before the first one that keeps it.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn chosen(&self) -> Result<Option<Chosen>, StoreError> {
+        let text = self.meta(CHOSEN).await?;
+        if text.is_empty() {
+            return Ok(None);
+        }
+        parse(&text, "meta", "value", &CHOSEN).map(Some)
     }
 
     /// Absolute path of the run directory.

@@ -119,6 +119,7 @@ fn run_options(options: &BenchOptions) -> RunOptions {
     };
     RunOptions {
         run_dir: options.run_dir.clone(),
+        chosen: None,
         cohort_name: "bench".into(),
         description: "no-op tasks".into(),
         cohort_dir: options.run_dir.clone(),

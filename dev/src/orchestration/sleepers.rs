@@ -75,6 +75,7 @@ pub fn measure(args: &SleepersArgs) -> anyhow::Result<()> {
     executor.slurm.job_s = (1.1 * ideal_s).ceil() as u64;
     let options = RunOptions {
         run_dir: run_dir.clone(),
+        chosen: None,
         cohort_name: "sleepers".into(),
         description: "tasks that sleep".into(),
         cohort_dir: run_dir,

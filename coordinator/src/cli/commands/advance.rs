@@ -66,7 +66,8 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
         args.strict,
         args.worker.as_deref(),
         talk,
-    )?;
+    )
+    .await?;
     let options = RunOptions {
         adopt_version: args.adopt_version,
         ..options

@@ -10,7 +10,7 @@ use crate::cli::place::Place;
 use crate::cli::store::stored_overrides;
 use crate::cli::table::Columns;
 use crate::cli::talk::{Talk, Tone};
-use crate::cli::{problems, talk::count};
+use crate::cli::{kept, problems, talk::count};
 use crate::input::{self, Merged, Options, Origin, Report};
 
 /// Show settings
@@ -30,7 +30,7 @@ enum ConfigCommand {
 struct ShowArgs {
     #[command(flatten)]
     place: Place,
-    /// Show the origin of each value: default, file and line, rerun, or --set
+    /// Show the origin of each value: default, file and line, kept option, rerun, or --set
     #[arg(long)]
     origin: bool,
     /// Show the settings of this patient, including its own layer and those that `rerun` stored
@@ -63,12 +63,14 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
         Some(patient) => stored_overrides(&folders.run, patient).await?,
         None => Default::default(),
     };
+    let kept = kept::assignments(&folders.run).await?;
     let cohort_dir = folders.cohort.unwrap_or(folders.run);
     let only: Vec<String> = args.patient.iter().cloned().collect();
     let mut report = Report::default();
     let options = Options {
         only,
         overrides,
+        kept,
         set: args.set.clone(),
         meshes: false,
         unaccepted: false,

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
+use crate::cli::kept;
 use crate::cli::place::{Folders, OfCohort};
 use crate::cli::store::{open, stored_overrides};
 use crate::cli::table::{Columns, duration};
@@ -54,6 +55,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
             let options = Options {
                 only: vec![args.patient.clone()],
                 overrides,
+                kept: kept::assignments(&folders.run).await?,
                 set: Vec::new(),
                 meshes: false,
                 unaccepted: false,

@@ -20,10 +20,10 @@ use crate::cli::store::open;
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, count};
 use crate::cli::vtu::announcement;
-use crate::cli::{access, problems, scratch, summary};
+use crate::cli::{access, kept, problems, redone, scratch, summary};
 use crate::discovery;
 use crate::engine::{
-    self, EngineEvent, Foreseen, Reader, RunOptions, RunSummary, StopSignal, StoreError,
+    self, Chosen, EngineEvent, Foreseen, Reader, RunOptions, RunSummary, StopSignal, StoreError,
 };
 use crate::input::{self, Cohort, Options, Report};
 use crate::report::{self, Pages};
@@ -64,6 +64,12 @@ pub struct RunArgs {
     /// Set KEY to VALUE, overriding all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Drop KEY, or `all`, from the options kept with this run (may be given several times)
+    #[arg(long, value_name = "KEY")]
+    unset: Vec<String>,
+    /// Redo finished work without a question where settings have changed
+    #[arg(long)]
+    yes: bool,
     /// Executor of the tasks (executor.kind)
     #[arg(long, value_name = "NAME", value_parser = ["local", "slurm"])]
     executor: Option<String>,
@@ -97,16 +103,30 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     folders
         .refuse_sweep("continue it with `cardiotwin sweep`, see `cardiotwin sweep status DIR`")?;
+    let (chosen, given) = (kept::chosen(&folders.run).await?, args.settings());
+    let before = chosen
+        .as_ref()
+        .map_or_else(Default::default, |c| c.set.clone());
+    let kept = kept::without(before, &args.unset)?;
+    kept::say(&kept, &given, talk);
     let wanted = Wanted {
-        set: &args.settings(),
+        kept: &kept::as_assignments(&kept),
+        set: &given,
         only: &args.patients,
         meshes: true,
         strict: args.strict,
         follows_jobs: false,
     };
     let (cohort, refused) = load(&folders, &wanted, talk)?;
+    let told = redone::told(&folders, &cohort, &cohort.plans(), chosen.as_ref()).await?;
     if args.dry_run {
+        if let Some(told) = &told {
+            talk.data(&format!("{told}\n"))?;
+        }
         return dry_run(&cohort, &folders, talk).await;
+    }
+    if let Some(told) = &told {
+        redone::consent(told, args.yes, talk)?;
     }
     let n_refused = refused.len();
     if let Some(said) = cohort
@@ -122,6 +142,10 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
             .iter()
             .map(|id| PatientId(id.clone()))
             .collect(),
+        chosen: Some(Chosen {
+            set: kept::with(kept, &given),
+            settings: cohort.settings.value.clone(),
+        }),
         watch: args.watch,
         adopt_version: args.adopt_version,
         ..of_cohort(&cohort, refused, &folders, args.worker.as_deref())
@@ -189,6 +213,7 @@ fn of_cohort(
         patients: Some(cohort.plans()),
         refused,
         only: Vec::new(),
+        chosen: None,
         executor: cohort.settings.settings.executor.clone(),
         worker: worker.map(Path::to_owned),
         adopt_version: false,
@@ -197,7 +222,7 @@ fn of_cohort(
 }
 
 /// Options for a run of the cohort on a cluster, whatever `executor.kind` its files set.
-pub(super) fn load_for_cluster(
+pub(super) async fn load_for_cluster(
     folders: &Folders,
     set: &[String],
     strict: bool,
@@ -207,9 +232,11 @@ pub(super) fn load_for_cluster(
     let set: Vec<String> = std::iter::once("executor.kind=slurm".to_owned())
         .chain(set.iter().cloned())
         .collect();
+    let kept = kept::assignments(&folders.run).await?;
     // Meshes are checked before the first submission and not at every tick.
     let has_begun = folders.run.join(crate::cli::place::DATABASE).exists();
     let wanted = Wanted {
+        kept: &kept,
         set: &set,
         only: &[],
         meshes: !has_begun,
@@ -222,6 +249,8 @@ pub(super) fn load_for_cluster(
 
 /// What is loaded of a cohort, and what is refused.
 struct Wanted<'a> {
+    /// Assignments that the run keeps.
+    kept: &'a [String],
     /// Assignments of `--set`.
     set: &'a [String],
     /// Patients of the cohort to work on; empty means all.
@@ -252,6 +281,7 @@ fn load(
     };
     let mut report = Report::default();
     let options = Options {
+        kept: wanted.kept.to_vec(),
         set: wanted.set.to_vec(),
         meshes: wanted.meshes,
         ..Options::default()

@@ -188,6 +188,7 @@ fn samples(run_dir: &Path, n: usize) -> RunOptions {
 fn options_of(run_dir: &Path, executor: ExecutorSettings) -> RunOptions {
     RunOptions {
         run_dir: run_dir.to_owned(),
+        chosen: None,
         cohort_name: "bench".into(),
         description: "no-op tasks".into(),
         cohort_dir: run_dir.to_owned(),

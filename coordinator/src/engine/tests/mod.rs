@@ -101,6 +101,7 @@ impl Bench {
     ) -> Result<RunSummary, EngineError> {
         let options = RunOptions {
             run_dir: self.path().to_owned(),
+            chosen: None,
             cohort_name: "test".into(),
             description: String::new(),
             cohort_dir: self.path().to_owned(),

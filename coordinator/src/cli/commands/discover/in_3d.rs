@@ -63,6 +63,7 @@ pub async fn add(
     let folder = run_dir.join(FOLDER);
     let options = RunOptions {
         run_dir: folder.clone(),
+        chosen: None,
         cohort_name: source.name.clone(),
         description: "finite-element ventricles without and with the named effects".to_owned(),
         cohort_dir: source.folder.clone(),

@@ -45,6 +45,7 @@ pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<En
     }
     let options = RunOptions {
         run_dir: run_dir.clone(),
+        chosen: None,
         cohort_name: source.name.clone(),
         description: "search for missing effects".to_owned(),
         cohort_dir: source.folder.clone(),

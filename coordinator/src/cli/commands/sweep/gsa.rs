@@ -213,6 +213,7 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
     args.cluster.apply(&mut executor);
     let options = RunOptions {
         run_dir: out.clone(),
+        chosen: None,
         cohort_name: "gsa".into(),
         description: format!(
             "sensitivity of {} to {n_parameters} parameters, {} blocks",

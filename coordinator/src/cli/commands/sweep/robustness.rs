@@ -349,6 +349,7 @@ async fn run(
     args.cluster.apply(&mut executor);
     let options = RunOptions {
         run_dir: out.to_owned(),
+        chosen: None,
         cohort_name: cohort.name.clone(),
         description: format!("robustness, {}", args.kind.over().word()),
         cohort_dir: cohort.directory.clone(),

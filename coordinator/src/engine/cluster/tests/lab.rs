@@ -235,6 +235,7 @@ impl Lab {
         let slurm = self.settings.clone();
         let options = RunOptions {
             run_dir: self.run_dir(),
+            chosen: None,
             cohort_name: "lab".into(),
             description: String::new(),
             cohort_dir: self.dir.path().to_owned(),
