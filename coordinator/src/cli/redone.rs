@@ -109,12 +109,14 @@ fn cost(record: &PatientRecord, from: Step) -> (usize, f64) {
 
 /// Text about the finished work that changed settings would compute again; `None` if nothing is.
 ///
+/// - `only`: patients that are worked on; empty means all
+///
 /// # Errors
 /// Errors of the store.
 pub async fn told(
     folders: &Folders,
     cohort: &Cohort,
-    plans: &[ResolvedPatient],
+    (plans, only): (&[ResolvedPatient], &[String]),
     chosen: Option<&Chosen>,
 ) -> Result<Option<String>, CliError> {
     let Some(before) = chosen.filter(|chosen| chosen.settings.is_object()) else {
@@ -125,8 +127,10 @@ pub async fn told(
         return Ok(None);
     }
     let foreseen = engine::foresee(&folders.run, plans).await?;
+    let is_wanted = |id: &PatientId| only.is_empty() || only.iter().any(|one| one == id.as_str());
     let redone: BTreeMap<&PatientId, Step> = foreseen
         .iter()
+        .filter(|(id, _)| is_wanted(id))
         .filter_map(|(id, would)| match would {
             Foreseen::Redone(step) => Some((id, *step)),
             Foreseen::Stays | Foreseen::GoesOn(_) => None,
