@@ -109,6 +109,15 @@ fn clean_takes_scratch_alone_and_an_archive_is_a_run() {
     assert!(goes_on.out.contains("nothing to do"), "{}", goes_on.out);
 }
 
+/// A run whose first simulation becomes the best, so that finished steps after step 1 are redone.
+const ONE_SIMULATION: [&str; 5] = [
+    "run",
+    "--no-report",
+    "--yes",
+    "--set",
+    "step1.max_iterations=1",
+];
+
 /// All attempts are gone, as after a purge: no task is computed again until its files are read, and
 /// then only the tasks that are read.
 #[test]
@@ -124,15 +133,7 @@ fn a_purged_run_is_gone_on_with() {
         said.out
     );
     // The first iteration becomes the best, so the targets read the traces of that beat.
-    let said = cohort
-        .call(&[
-            "run",
-            "--no-report",
-            "--yes",
-            "--set",
-            "step1.max_iterations=1",
-        ])
-        .expect(0);
+    let said = cohort.call(&ONE_SIMULATION).expect(0);
     assert!(
         said.err
             .contains("is gone, but targets needs it: it is recomputed"),
@@ -222,15 +223,7 @@ fn attempts_lie_on_scratch_and_copies_in_the_archive() {
     );
     // All of scratch is purged, including the run's folder.
     fs::remove_dir_all(&scratch).unwrap();
-    let said = cohort
-        .call(&[
-            "run",
-            "--no-report",
-            "--yes",
-            "--set",
-            "step1.max_iterations=1",
-        ])
-        .expect(0);
+    let said = cohort.call(&ONE_SIMULATION).expect(0);
     assert!(said.err.contains("it is recomputed"), "{}", said.err);
     let name = copy.to_string_lossy().into_owned();
     let shown = cardiotwin(

@@ -4,9 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 
 use cardiotwin_schemas::ids::PatientId;
-use cardiotwin_schemas::plan::ResolvedPatient;
-use cardiotwin_schemas::provenance::Provenance;
-use cardiotwin_schemas::record::PatientRecord;
+use cardiotwin_schemas::record::{PatientRecord, TaskRecord};
 use serde_json::Value;
 
 use super::error::CliError;
@@ -19,92 +17,42 @@ use crate::input::{Cohort, Merged};
 /// Settings of the execution, which redo nothing.
 const EXECUTION: &str = "executor.";
 
-/// A setting that differs from the last run's.
-#[derive(Debug, Clone, PartialEq)]
-struct Changed {
-    key: String,
-    old: Option<Value>,
-    new: Option<Value>,
-    /// Layer that sets the new value.
-    origin: String,
-}
-
-impl Changed {
-    /// One line: key, old and new value, and the layer of the new one.
-    fn line(&self) -> String {
-        let value =
-            |value: &Option<Value>| value.as_ref().map_or("absent".to_owned(), Value::to_string);
-        let Self {
-            key,
-            old,
-            new,
-            origin,
-        } = self;
-        format!("  {key}: {} -> {} ({origin})", value(old), value(new))
-    }
-}
-
-/// Settings that differ from those of the last run, in the order of their keys.
-fn changed(before: &Value, now: &Merged) -> Vec<Changed> {
-    let mut leaves = BTreeMap::new();
-    crate::input::for_each_leaf(before, "", &mut |key, value| {
-        leaves.insert(key.to_owned(), (Some(value.clone()), None));
-    });
-    for (key, value, _) in now.leaves() {
-        leaves.entry(key).or_insert((None, None)).1 = Some(value);
-    }
-    leaves
-        .into_iter()
-        .filter(|(key, (old, new))| old != new && !key.starts_with(EXECUTION))
-        .map(|(key, (old, new))| Changed {
-            origin: now.origin(&key).to_string(),
-            key,
-            old,
-            new,
+/// Lines about settings that differ from those of the last run, in the order of their keys: key, old
+/// and new value, and the layer of the new one.
+fn changed(before: &Value, now: &Merged) -> Vec<String> {
+    let changes = engine::leaf_changes(before, &now.value);
+    let of_results = changes.iter().filter(|c| !c.path.starts_with(EXECUTION));
+    of_results
+        .map(|change| {
+            let key = change.path.split('[').next().unwrap_or_default();
+            format!("  {} ({})", change.words(), now.origin(key))
         })
         .collect()
 }
 
+/// A finished task's step, and the wall time that it took \[s\].
+fn took<T>(stage: Stage, number: u32, task: &Option<TaskRecord<T>>) -> Option<(Step, f64)> {
+    let wall_s = task.as_ref()?.provenance.wall_s;
+    Some((Step { stage, number }, wall_s))
+}
+
 /// Finished tasks of a patient from a step on: their number, and the wall time that they took \[s\].
 fn cost(record: &PatientRecord, from: Step) -> (usize, f64) {
-    let only = |stage, of: Option<&Provenance>| of.map(|p| (Step::only(stage), p.wall_s));
-    let mut tasks: Vec<(Step, f64)> = [
-        only(
-            Stage::Step0,
-            record.step0.as_ref().map(|task| &task.provenance),
-        ),
-        only(
-            Stage::Targets,
-            record.targets.as_ref().map(|task| &task.provenance),
-        ),
-        only(
-            Stage::Step2,
-            record.cell_fit.as_ref().map(|task| &task.provenance),
-        ),
-        only(
-            Stage::Verification,
-            record.verification.as_ref().map(|task| &task.provenance),
-        ),
-        only(
-            Stage::Posterior,
-            record.posterior.as_ref().map(|task| &task.provenance),
-        ),
+    let of_step1 = (record.iterations.iter()).map(|i| took(Stage::Step1, i.number, &i.run));
+    let of_step3 = (record.step3_iterations.iter()).map(|i| took(Stage::Step3, i.number, &i.run));
+    [
+        took(Stage::Step0, 1, &record.step0),
+        took(Stage::Targets, 1, &record.targets),
+        took(Stage::Step2, 1, &record.cell_fit),
+        took(Stage::Verification, 1, &record.verification),
+        took(Stage::Posterior, 1, &record.posterior),
     ]
     .into_iter()
+    .chain(of_step1)
+    .chain(of_step3)
     .flatten()
-    .collect();
-    let numbered = |stage, number, of: &Provenance| (Step { stage, number }, of.wall_s);
-    for iteration in &record.iterations {
-        let task = iteration.run.as_ref();
-        tasks.extend(task.map(|t| numbered(Stage::Step1, iteration.number, &t.provenance)));
-    }
-    for iteration in &record.step3_iterations {
-        let task = iteration.run.as_ref();
-        tasks.extend(task.map(|t| numbered(Stage::Step3, iteration.number, &t.provenance)));
-    }
-    let redone = tasks.iter().filter(|(step, _)| *step >= from);
-    let (n, wall_s) = redone.fold((0, 0.0), |(n, sum), (_, wall_s)| (n + 1, sum + wall_s));
-    (n, wall_s)
+    .filter(|(step, _)| *step >= from)
+    .fold((0, 0.0), |(n, sum), (_, wall_s)| (n + 1, sum + wall_s))
 }
 
 /// Text about the finished work that changed settings would compute again; `None` if nothing is.
@@ -116,7 +64,7 @@ fn cost(record: &PatientRecord, from: Step) -> (usize, f64) {
 pub async fn told(
     folders: &Folders,
     cohort: &Cohort,
-    (plans, only): (&[ResolvedPatient], &[String]),
+    only: &[String],
     chosen: Option<&Chosen>,
 ) -> Result<Option<String>, CliError> {
     let Some(before) = chosen.filter(|chosen| chosen.settings.is_object()) else {
@@ -126,7 +74,7 @@ pub async fn told(
     if changes.is_empty() {
         return Ok(None);
     }
-    let foreseen = engine::foresee(&folders.run, plans).await?;
+    let foreseen = engine::foresee(&folders.run, &cohort.plans()).await?;
     let is_wanted = |id: &PatientId| only.is_empty() || only.iter().any(|one| one == id.as_str());
     let redone: BTreeMap<&PatientId, Step> = foreseen
         .iter()
@@ -155,10 +103,9 @@ pub async fn told(
         .iter()
         .map(|(step, n)| format!("{n} from {step} on"))
         .collect();
-    let lines: Vec<String> = changes.iter().map(Changed::line).collect();
     Ok(Some(format!(
         "settings differ from the last run's:\n{}\n{} done would be redone: {}; {} that took {} of wall time",
-        lines.join("\n"),
+        changes.join("\n"),
         count(redone.len(), "patient"),
         steps.join(", "),
         count(n_tasks, "task"),
@@ -209,17 +156,13 @@ mod tests {
             Merged::of([&Layer::defaults(), &given]).unwrap()
         };
         let before = now(&["solver.fidelity=reduced", "executor.workers=3"]);
-        let lines: Vec<String> = changed(&before.value, &now(&["step1.damping=0.5"]))
-            .iter()
-            .map(Changed::line)
-            .collect();
         assert_eq!(
-            lines,
+            changed(&before.value, &now(&["step1.damping=0.5"])),
             [
                 "  solver.fidelity: \"reduced\" -> \"finite-element\" (default)",
                 "  step1.damping: 1.0 -> 0.5 (--set)",
             ]
         );
-        assert_eq!(changed(&before.value, &before), []);
+        assert!(changed(&before.value, &before).is_empty());
     }
 }

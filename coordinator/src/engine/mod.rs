@@ -62,7 +62,7 @@ pub use crate::store::file_system::shared as shared_file_system;
 pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{
     AttemptRecord, Chosen, EventRecord, JobRecord, LeafChange, MemberRecord, Reader,
-    StepExplanation, StoreError,
+    StepExplanation, StoreError, leaf_changes,
 };
 pub use crate::store::{back_up, try_locks};
 pub use books::ATTEMPTS;

@@ -260,8 +260,7 @@ impl Merged {
     }
 }
 
-/// Calls `visit` for each leaf of a tree, with its dotted key below `key`.
-pub fn for_each_leaf(value: &Value, key: &str, visit: &mut impl FnMut(&str, &Value)) {
+fn for_each_leaf(value: &Value, key: &str, visit: &mut impl FnMut(&str, &Value)) {
     match value {
         Value::Object(map) => map
             .iter()

@@ -34,7 +34,7 @@ mod tests;
 pub use cohort::{Cohort, Options, Patient, check_on_top, load, load_alone};
 pub use document::{Node, Tree, value_from_text};
 pub use effects::cannot_act_in_3d;
-pub use layers::{Layer, Merged, Origin, for_each_leaf};
+pub use layers::{Layer, Merged, Origin};
 pub use mesh::problem as mesh_problem;
 pub use nearest::nearest;
 pub use raw::{PREPARE_TOML, RawFolder, read_raw};

@@ -152,6 +152,24 @@ pub(super) fn attempt(
     })
 }
 
+impl LeafChange {
+    /// Path, old and new value in a line.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let value = |value: &Option<serde_json::Value>| {
+            value
+                .as_ref()
+                .map_or("absent".to_owned(), ToString::to_string)
+        };
+        format!(
+            "{}: {} -> {}",
+            self.path,
+            value(&self.old),
+            value(&self.new)
+        )
+    }
+}
+
 /// Leaves that differ between two JSON values, in the order of their paths.
 #[must_use]
 pub fn leaf_changes(old: &serde_json::Value, new: &serde_json::Value) -> Vec<LeafChange> {

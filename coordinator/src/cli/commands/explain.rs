@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality};
 use clap::Args;
-use serde_json::Value;
 
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
@@ -208,15 +207,7 @@ fn text(
             step.step
         ));
         for change in &step.changes {
-            let value = |value: &Option<Value>| {
-                value.as_ref().map_or("absent".to_owned(), Value::to_string)
-            };
-            text.push_str(&format!(
-                "  {}: {} -> {}",
-                change.path,
-                value(&change.old),
-                value(&change.new)
-            ));
+            text.push_str(&format!("  {}", change.words()));
             text.push_str(&places(change, patient, files));
             text.push('\n');
         }
@@ -263,6 +254,7 @@ fn short(key: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use cardiotwin_schemas::ids::TaskKey;
+    use serde_json::Value;
 
     use super::*;
 

@@ -118,13 +118,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         follows_jobs: false,
     };
     let (cohort, refused) = load(&folders, &wanted, talk)?;
-    let told = redone::told(
-        &folders,
-        &cohort,
-        (&cohort.plans(), &args.patients),
-        chosen.as_ref(),
-    )
-    .await?;
+    let told = redone::told(&folders, &cohort, &args.patients, chosen.as_ref()).await?;
     if args.dry_run {
         if let Some(told) = &told {
             talk.data(&format!("{told}\n"))?;

@@ -266,13 +266,7 @@ impl Circulation {
         self.connections
             .iter()
             .zip(values)
-            .map(|(c, v)| {
-                if c.direction == Direction::IntoVentricle {
-                    *v
-                } else {
-                    -v
-                }
-            })
+            .map(|(c, v)| -c.signed(*v))
             .sum()
     }
 
