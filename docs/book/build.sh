@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
 # Makes the book of README, docs/ and the examples' pages, and checks every link in it. Usage: docs/book/build.sh OUT
-# OUT/html/index.html is the book. Needs mdbook (Debian 13: apt-get install mdbook; elsewhere: cargo install mdbook) and python3.
+# OUT/html/index.html is the book. Needs python3, and mdbook, which cargo builds where there is none (docs/book/mdbook.sh).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 out=${1:?usage: docs/book/build.sh OUT}
 
+mkdir -p "$out"
+program=$(docs/book/mdbook.sh "$(dirname "$out")/tools")
 rm -rf -- "$out"
 mkdir -p "$out/src/examples" "$out/src/schemas"
 cp README.md CONTRIBUTING.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE "$out/src/"
@@ -23,5 +25,5 @@ rm "$out/src/docs/SUMMARY.md"
 find "$out/src" -name '*.md' -exec sed -i 's|](\([^):]*\)README\.md|](\1index.md|g' {} +
 find "$out/src" -name README.md | while read -r page; do mv "$page" "$(dirname "$page")/index.md"; done
 cp docs/book/book.toml "$out/"
-"${MDBOOK:-mdbook}" build "$out"
+"$program" build "$out"
 python3 docs/book/check_links.py "$out/html"

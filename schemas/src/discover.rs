@@ -310,9 +310,13 @@ pub struct PooledEffect {
     pub accepted_in: u32,
     /// Number of patients in whom it was tried.
     pub tried_in: u32,
-    /// Sum of `robust_evidence` over the patients, each limited to a largest contribution.
+    /// Sum of `robust_evidence` over the patients, each limited for and against the effect; the
+    /// largest and the smallest count as much as their neighbours.
     pub log_evidence: f64,
     /// Whether it is missing in more than half of the patients, which suggests a defect of the
     /// model rather than a property of a patient.
     pub of_the_model: bool,
+    /// Patient without whom the plain sum of the limited contributions would have the other sign.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dominated_by: Option<String>,
 }

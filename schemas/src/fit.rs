@@ -17,14 +17,16 @@ pub struct CalciumFitAnswer {
     /// Time of activation on the trace's clock.
     pub activation_ms: f64,
     /// Resting calcium.
-    #[serde(rename = "ca_res_uM")]
+    #[serde(rename = "Ca_res_uM", alias = "ca_res_uM")]
     pub ca_res_um: f64,
     /// Peak calcium.
-    #[serde(rename = "ca_max_uM")]
+    #[serde(rename = "Ca_max_uM", alias = "ca_max_uM")]
     pub ca_max_um: f64,
     /// Longer time constant. The transient does not change if the two are exchanged.
+    #[serde(rename = "tau_CR_ms", alias = "tau_cr_ms")]
     pub tau_cr_ms: f64,
     /// Shorter time constant.
+    #[serde(rename = "tau_CD_ms", alias = "tau_cd_ms")]
     pub tau_cd_ms: f64,
     /// Estimates of each parameter and of the mean time constant (`tau_mean_ms`), with errors and
     /// intervals.

@@ -141,7 +141,7 @@ formats! {
     /// A run with all results.
     RUN_RECORD { "run record", 1, "`cardiotwin show --json`, `record.json` of an RO-Crate", "coordinator", "people's programs", "schemas/tests/golden/run-record.json" }
     /// A fitted calcium transient.
-    CALCIUM_FIT { "calcium fit", 1, "`cardiotwin fit calcium --json`", "coordinator", "people's programs", "schemas/tests/golden/calcium-fit.json" }
+    CALCIUM_FIT { "calcium fit", 2, "`cardiotwin fit calcium --json`", "coordinator", "people's programs", "schemas/tests/golden/calcium-fit-2.json" }
     /// A Windkessel fitted to flow and pressure.
     AFTERLOAD_FIT { "afterload fit", 1, "`cardiotwin fit afterload --json`", "coordinator", "people's programs", "schemas/tests/golden/afterload-fit.json" }
     /// An afterload fitted to a cuff's pressures.

@@ -225,3 +225,24 @@ pub struct PatientStatus {
     /// Text for people.
     pub note: String,
 }
+
+impl PatientStatus {
+    /// The step, unless the state alone says all.
+    #[must_use]
+    pub fn step_shown(&self) -> &str {
+        if self.step == self.state.as_str() {
+            "-"
+        } else {
+            &self.step
+        }
+    }
+
+    /// Step and state in words, without repetition.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self.step_shown() {
+            "-" => self.state.to_string(),
+            step => format!("{step} {}", self.state),
+        }
+    }
+}

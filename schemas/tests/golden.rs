@@ -146,3 +146,18 @@ fn additions_do_not_break_readers() {
     );
     check(&formats::DISCOVER_CASE, reads::<discover::DiscoverCase>);
 }
+
+#[test]
+fn calcium_fits_of_version_1_are_read_with_their_other_names() {
+    let file = root().join("schemas/tests/golden/calcium-fit.json");
+    let earlier: fit::CalciumFitAnswer =
+        serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap();
+    let now: fit::CalciumFitAnswer = serde_json::from_str(&text(&formats::CALCIUM_FIT)).unwrap();
+    assert_eq!(
+        now,
+        fit::CalciumFitAnswer {
+            schema_version: 2,
+            ..earlier
+        }
+    );
+}

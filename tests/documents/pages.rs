@@ -140,3 +140,38 @@ fn files_of_the_repository_exist() {
     );
     assert!(n_paths > 20, "only {n_paths} paths were found");
 }
+
+/// A block of `cardiotwin` commands, to be run as printed, is tested by `tests/book.rs`, or says what
+/// a test machine lacks.
+#[test]
+fn commands_to_be_typed_are_tested_or_say_what_they_need() {
+    let tests = read(&root().join("tests/book.rs"));
+    let mut problems = Vec::new();
+    for page in documents() {
+        let text = read(&page);
+        let mut open: Option<&str> = None;
+        for line in text.lines() {
+            let fence = line.trim().strip_prefix("```");
+            match (open, fence) {
+                (None, Some(info)) => open = Some(info),
+                (Some(_), Some(_)) => open = None,
+                (Some(info), None) if line.starts_with("cardiotwin ") => {
+                    let is_tested = info == "sh tested";
+                    if !is_tested && !info.starts_with("sh needs ") {
+                        problems.push(format!("{}: `{line}`", page.display()));
+                    }
+                    let name = page.strip_prefix(root()).unwrap_or(&page);
+                    if is_tested && !tests.contains(&format!("\"{}\"", name.display())) {
+                        problems.push(format!("{}: not in tests/book.rs", name.display()));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+    assert!(
+        problems.is_empty(),
+        "commands in blocks that are neither `sh tested` nor `sh needs …`:\n  {}",
+        problems.join("\n  ")
+    );
+}

@@ -48,7 +48,7 @@ fn step_1_goes_on_from_its_best_simulation_and_a_rerun_repeats_nothing() {
         "{}",
         said.out
     );
-    assert!(said.out.contains("3 tasks published"), "{}", said.out);
+    assert!(said.out.contains("3 tasks computed"), "{}", said.out);
     let patient = cohort.patient("04-CoA");
     let after = published(&patient);
     let simulations = patient["iterations"].as_array().map_or(0, Vec::len);

@@ -29,10 +29,10 @@ fn rices_calcium_comes_from_a_measured_transient() {
     // The trace's header has the true values. An interval of 95 % is about twice as wide as these
     // bounds.
     for (key, truth, within) in [
-        ("ca_res_uM", 0.12, 0.01),
-        ("ca_max_uM", 0.7, 0.007),
-        ("tau_cr_ms", 170.0, 15.0),
-        ("tau_cd_ms", 60.0, 6.0),
+        ("Ca_res_uM", 0.12, 0.01),
+        ("Ca_max_uM", 0.7, 0.007),
+        ("tau_CR_ms", 170.0, 15.0),
+        ("tau_CD_ms", 60.0, 6.0),
     ] {
         assert!(
             (answer[key].as_f64().unwrap() - truth).abs() < within,

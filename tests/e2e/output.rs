@@ -23,7 +23,18 @@ fn two_runs_are_compared_and_exported() {
         ])
         .expect(0);
     let same = cohort.call(&["compare", "run", "run"]).expect(0).out;
-    assert!(same.starts_with("0 quantities differ"), "{same}");
+    assert!(
+        same.starts_with("no setting differs\n0 quantities differ"),
+        "{same}"
+    );
+    let told = cohort.call(&["compare", ".", "other"]).expect(0).out;
+    assert!(
+        told.starts_with("1 setting differs:\n  step2.seed: 3 -> 11\n"),
+        "{told}"
+    );
+    let rows = told.lines().filter(|line| line.contains("-CoA ")).count();
+    assert_eq!(rows, 20, "{told}");
+    assert!(told.contains("smaller differences; --all shows them"));
     let compared = cohort.call(&["compare", ".", "other", "--json"]).json();
     let rows = compared["quantities"].as_array().unwrap();
     let differs = |patient: &str, quantity: &str| {

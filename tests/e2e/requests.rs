@@ -241,7 +241,7 @@ fn a_failed_task_is_retried_with_the_same_settings() {
         logs.contains("no disk here") && logs.contains("try 2"),
         "{logs}"
     );
-    let key = |id: &str| cohort.call(&["explain", id, "--json"]).json()[0]["task"].clone();
+    let key = |id: &str| cohort.call(&["explain", id, "--json"]).json()["steps"][0]["task"].clone();
     let before = key("01-CoA");
     cohort.call(&["retry", "--failed"]).expect(0);
     cohort.call(&["run", "--no-report"]).expect(0);

@@ -2,24 +2,30 @@
 
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
+use std::path::Path;
 
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, TaskRecord};
-use serde_json::Value;
 
 use super::error::CliError;
-use super::place::Folders;
 use super::table::duration;
 use super::talk::{Talk, count, harmless};
 use crate::engine::{self, Chosen, Foreseen, Reader, Stage, Step};
-use crate::input::{Cohort, Merged};
+use crate::input::Merged;
 
 /// Settings of the execution, which redo nothing.
 const EXECUTION: &str = "executor.";
 
 /// Lines about settings that differ from those of the last run, in the order of their keys: key, old
-/// and new value, and the layer of the new one.
-fn changed(before: &Value, now: &Merged) -> Vec<String> {
+/// and new value, and the layer of the new one. Empty without a last run.
+pub fn changed(chosen: Option<&Chosen>, now: &Merged) -> Vec<String> {
+    let Some(before) = chosen
+        .map(|chosen| &chosen.settings)
+        .filter(|before| before.is_object())
+    else {
+        return Vec::new();
+    };
     let changes = engine::leaf_changes(before, &now.value);
     let of_results = changes.iter().filter(|c| !c.path.starts_with(EXECUTION));
     of_results
@@ -57,24 +63,21 @@ fn cost(record: &PatientRecord, from: Step) -> (usize, f64) {
 
 /// Text about the finished work that changed settings would compute again; `None` if nothing is.
 ///
+/// - `changes`: lines about the settings, of [`changed`]
 /// - `only`: patients that are worked on; empty means all
 ///
 /// # Errors
 /// Errors of the store.
 pub async fn told(
-    folders: &Folders,
-    cohort: &Cohort,
+    run_dir: &Path,
+    plans: &[ResolvedPatient],
     only: &[String],
-    chosen: Option<&Chosen>,
+    changes: &[String],
 ) -> Result<Option<String>, CliError> {
-    let Some(before) = chosen.filter(|chosen| chosen.settings.is_object()) else {
-        return Ok(None);
-    };
-    let changes = changed(&before.settings, &cohort.settings);
     if changes.is_empty() {
         return Ok(None);
     }
-    let foreseen = engine::foresee(&folders.run, &cohort.plans()).await?;
+    let foreseen = engine::foresee(run_dir, plans).await?;
     let is_wanted = |id: &PatientId| only.is_empty() || only.iter().any(|one| one == id.as_str());
     let redone: BTreeMap<&PatientId, Step> = foreseen
         .iter()
@@ -87,7 +90,7 @@ pub async fn told(
     if redone.is_empty() {
         return Ok(None);
     }
-    let record = Reader::open(&folders.run).await?.record().await?;
+    let record = Reader::open(run_dir).await?.record().await?;
     let (mut n_tasks, mut wall_s) = (0, 0.0);
     for patient in &record.patients {
         if let Some(step) = redone.get(&patient.plan.id) {
@@ -103,13 +106,20 @@ pub async fn told(
         .iter()
         .map(|(step, n)| format!("{n} from {step} on"))
         .collect();
+    // Members of a sweep have one task, whose time the record does not hold.
+    let took = match n_tasks {
+        0 => String::new(),
+        n => format!(
+            "; {} that took {} of wall time",
+            count(n, "task"),
+            duration(wall_s)
+        ),
+    };
     Ok(Some(format!(
-        "settings differ from the last run's:\n{}\n{} done would be redone: {}; {} that took {} of wall time",
+        "settings differ from the last run's:\n{}\n{} done would be redone: {}{took}",
         changes.join("\n"),
         count(redone.len(), "patient"),
         steps.join(", "),
-        count(n_tasks, "task"),
-        duration(wall_s),
     )))
 }
 
@@ -156,13 +166,18 @@ mod tests {
             Merged::of([&Layer::defaults(), &given]).unwrap()
         };
         let before = now(&["solver.fidelity=reduced", "executor.workers=3"]);
+        let chosen = Chosen {
+            settings: before.value.clone(),
+            ..Chosen::default()
+        };
         assert_eq!(
-            changed(&before.value, &now(&["step1.damping=0.5"])),
+            changed(Some(&chosen), &now(&["step1.damping=0.5"])),
             [
                 "  solver.fidelity: \"reduced\" -> \"finite-element\" (default)",
                 "  step1.damping: 1.0 -> 0.5 (--set)",
             ]
         );
-        assert!(changed(&before.value, &before).is_empty());
+        assert!(changed(Some(&chosen), &before).is_empty());
+        assert!(changed(None, &before).is_empty());
     }
 }

@@ -76,22 +76,17 @@ pub struct Patient {
 
 impl Patient {
     /// Places where the value called `name` (the last part of a key) was set: dotted key and place,
-    /// settings first.
+    /// settings first. A value that nothing sets is a default.
     #[must_use]
     pub fn places_of(&self, name: &str) -> Vec<(String, String)> {
         let ends = |key: &str| key.rsplit('.').next() == Some(name);
-        let settings = self
-            .settings
-            .leaves()
-            .into_iter()
-            .filter(|(key, _, origin)| {
-                // A default has no place to look at, and lines of this patient's own file follow
-                // below.
-                ends(key) && !matches!(origin, Origin::Default)
-            });
-        let mut places: Vec<(String, String)> = settings
-            .map(|(key, _, origin)| (key, origin.to_string()))
-            .collect();
+        let leaves = self.settings.leaves().into_iter();
+        let (defaults, set): (Vec<_>, Vec<_>) = leaves
+            .filter(|(key, _, _)| ends(key))
+            .map(|(key, _, origin)| (key, origin))
+            .partition(|(_, origin)| matches!(origin, Origin::Default));
+        let words = |(key, origin): (String, Origin)| (key, origin.to_string());
+        let mut places: Vec<(String, String)> = set.into_iter().map(words).collect();
         let (file, positions) = &self.positions;
         let own = positions
             .iter()
@@ -100,6 +95,9 @@ impl Patient {
             let place = format!("{}:{}", file.display(), at.line);
             (key.clone(), place)
         }));
+        if places.is_empty() {
+            places.extend(defaults.into_iter().map(words));
+        }
         places
     }
 }

@@ -99,13 +99,24 @@ impl Task {
         matches!(self, Self::Published { .. } | Self::Failed { .. })
     }
 
-    /// Name of the state in one word, for tables.
+    /// Name of the state in one word, for the database.
     #[must_use]
     pub fn word(&self) -> &'static str {
         match self {
             Self::Open { .. } => "open",
             Self::Attempting { .. } => "attempting",
             Self::Published { .. } => "published",
+            Self::Failed { .. } => "failed",
+        }
+    }
+
+    /// The state in a word that needs no page, for tables.
+    #[must_use]
+    pub fn shown(&self) -> &'static str {
+        match self {
+            Self::Open { .. } => "to do",
+            Self::Attempting { .. } => "running",
+            Self::Published { .. } => "finished",
             Self::Failed { .. } => "failed",
         }
     }

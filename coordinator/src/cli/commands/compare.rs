@@ -1,7 +1,9 @@
 //! `cardiotwin compare`: comparison of two runs, patient by patient.
 
-use cardiotwin_schemas::biomarkers::Biomarker;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
+
+use cardiotwin_schemas::biomarkers::Biomarker;
 
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::step1::Step1Parameter;
@@ -14,9 +16,16 @@ use crate::cli::place::Folders;
 use crate::cli::store::open;
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, count};
+use crate::engine::{self, LeafChange};
 use crate::results::{PatientView, Step};
 
-/// Compare two runs: costs, biomarkers and parameters of each patient
+/// Number of differences that are shown unless all are asked for.
+const LARGEST: usize = 20;
+/// Settings of the execution, which do not change results.
+const EXECUTION: &str = "executor.";
+
+/// Compare two runs: settings, then costs, biomarkers and parameters of each patient, the largest
+/// differences first
 #[derive(Debug, Args)]
 pub struct CompareArgs {
     /// Folder of a run, or of a cohort with a run
@@ -25,12 +34,34 @@ pub struct CompareArgs {
     /// Folder of the other run or cohort
     #[arg(value_name = "RUN")]
     after: PathBuf,
-    /// Show equal values, too
+    /// Show all values in the order of patients, equal ones, too, instead of the twenty largest
+    /// differences
     #[arg(long)]
     all: bool,
     /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
+}
+
+/// A setting that differs between the runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct SettingRow {
+    #[serde(flatten)]
+    change: LeafChange,
+    /// Patients in whom it differs by these values.
+    patients: Vec<String>,
+}
+
+impl SettingRow {
+    /// Key with both values, and the patients unless they are all.
+    fn words(&self, n_compared: usize) -> String {
+        let whose = match self.patients.len() {
+            n if n == n_compared => String::new(),
+            1..=3 => format!("   ({})", self.patients.join(", ")),
+            n => format!("   ({n} of {n_compared} patients)"),
+        };
+        format!("  {}{whose}\n", self.change.words())
+    }
 }
 
 /// One quantity of one patient in both runs.
@@ -45,6 +76,16 @@ struct Row {
     relative_difference: Option<f64>,
 }
 
+impl Row {
+    /// Size of the difference for sorting; a value that only one run has comes last.
+    fn size(&self) -> f64 {
+        match (self.before, self.after) {
+            (Some(_), Some(_)) => self.relative_difference.map_or(f64::INFINITY, f64::abs),
+            _ => -1.0,
+        }
+    }
+}
+
 #[derive(Serialize)]
 struct Comparison {
     schema_version: u32,
@@ -52,6 +93,10 @@ struct Comparison {
     after: PathBuf,
     only_before: Vec<String>,
     only_after: Vec<String>,
+    /// Number of patients in both runs.
+    n_compared: usize,
+    /// Settings that differ, without those of the execution.
+    settings: Vec<SettingRow>,
     quantities: Vec<Row>,
 }
 
@@ -73,31 +118,21 @@ pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> 
         talk.json(&comparison)?;
         return Ok(Exit::Ok);
     }
-    let n_same = comparison
-        .quantities
-        .iter()
-        .filter(|row| row.before == row.after)
-        .count();
-    let mut table = Columns::new(
-        talk,
-        &["PATIENT", "QUANTITY", ">BEFORE", ">AFTER", ">DIFFERENCE"],
-    );
-    for row in comparison
-        .quantities
-        .iter()
-        .filter(|row| args.all || row.before != row.after)
-    {
-        let difference = percent(row.relative_difference);
-        table.row([
-            row.patient.clone(),
-            row.quantity.clone(),
-            optional(row.before),
-            optional(row.after),
-            difference,
-        ]);
+    talk.data(&of_settings(&comparison))?;
+    let mut shown: Vec<&Row> = comparison.quantities.iter().collect();
+    let n_same = shown.iter().filter(|row| row.before == row.after).count();
+    let n_differ = shown.len() - n_same;
+    if !args.all {
+        shown.retain(|row| row.before != row.after);
+        shown.sort_by(|a, b| b.size().total_cmp(&a.size()));
+        shown.truncate(LARGEST);
     }
-    if n_same < comparison.quantities.len() || args.all {
-        talk.data(&table.text())?;
+    if !shown.is_empty() {
+        talk.data(&table(&shown, talk))?;
+    }
+    if !args.all && n_differ > LARGEST {
+        let rest = n_differ - LARGEST;
+        talk.data(&format!("… {rest} smaller differences; --all shows them\n"))?;
     }
     for (run, patients) in [
         (&args.before, &comparison.only_before),
@@ -111,12 +146,66 @@ pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> 
             ))?;
         }
     }
-    let n_differ = comparison.quantities.len() - n_same;
     talk.data(&format!(
         "{} differ, {n_same} are the same\n",
         count(n_differ, "quantity").replace("quantitys", "quantities")
     ))?;
     Ok(Exit::Ok)
+}
+
+/// Sentence about the settings, with a line for each that differs.
+fn of_settings(comparison: &Comparison) -> String {
+    if comparison.settings.is_empty() {
+        return "no setting differs\n".to_owned();
+    }
+    let lines = comparison.settings.iter();
+    let lines: String = lines.map(|row| row.words(comparison.n_compared)).collect();
+    let n = count(comparison.settings.len(), "setting");
+    let verb = if comparison.settings.len() == 1 {
+        "differs"
+    } else {
+        "differ"
+    };
+    format!("{n} {verb}:\n{lines}\n")
+}
+
+fn table(rows: &[&Row], talk: &Talk) -> String {
+    let mut table = Columns::new(
+        talk,
+        &["PATIENT", "QUANTITY", ">BEFORE", ">AFTER", ">DIFFERENCE"],
+    );
+    for row in rows {
+        table.row([
+            row.patient.clone(),
+            row.quantity.clone(),
+            optional(row.before),
+            optional(row.after),
+            percent(row.relative_difference),
+        ]);
+    }
+    table.text()
+}
+
+/// Settings that differ in at least one patient, by key and values.
+fn settings(pairs: &[(&PatientRecord, &PatientRecord)]) -> Vec<SettingRow> {
+    let mut rows: BTreeMap<String, SettingRow> = BTreeMap::new();
+    for (before, after) in pairs {
+        let of = |patient: &PatientRecord| serde_json::to_value(&*patient.plan.settings);
+        let (Ok(old), Ok(new)) = (of(before), of(after)) else {
+            continue;
+        };
+        for change in engine::leaf_changes(&old, &new) {
+            if change.path.starts_with(EXECUTION) {
+                continue;
+            }
+            let row = rows.entry(change.words()).or_insert_with(|| SettingRow {
+                change,
+                patients: Vec::new(),
+            });
+            row.patients.push(before.plan.id.to_string());
+        }
+    }
+    rows.into_values().collect()
 }
 
 fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
@@ -133,13 +222,16 @@ fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
         let b = after.patients.iter().find(|b| b.plan.id == a.plan.id)?;
         Some((a, b))
     });
+    let pairs: Vec<_> = pairs.collect();
     Comparison {
         schema_version: cardiotwin_schemas::formats::COMPARISON.version,
         before: before.run_directory.clone(),
         after: after.run_directory.clone(),
         only_before: missing_in(before, after),
         only_after: missing_in(after, before),
-        quantities: pairs.flat_map(|(a, b)| rows(a, b)).collect(),
+        n_compared: pairs.len(),
+        settings: settings(&pairs),
+        quantities: pairs.iter().flat_map(|(a, b)| rows(a, b)).collect(),
     }
 }
 

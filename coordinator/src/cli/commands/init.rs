@@ -9,7 +9,8 @@ use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::talk::Talk;
 
-/// Create a cohort folder with a commented cohort.toml and one patient to fill in
+/// Create a cohort folder with a commented cohort.toml and one patient to fill in, or with two example
+/// patients
 #[derive(Debug, Args)]
 pub struct InitArgs {
     /// Folder to create
@@ -18,10 +19,33 @@ pub struct InitArgs {
     /// Name of the cohort [default: the folder's name]
     #[arg(long)]
     name: Option<String>,
+    /// Add two patients with aortic coarctation, ready to run, instead of one to fill in
+    #[arg(long)]
+    example: bool,
 }
 
 const COHORT: &str = include_str!("../templates/cohort.toml");
 const PATIENT: &str = include_str!("../templates/patient.toml");
+
+/// Files of a patient of the bundled cohort: name and text.
+macro_rules! bundled {
+    ($id:literal, $($name:literal),+) => {
+        ($id, &[$(($name, include_str!(concat!(
+            "../../../../examples/coa-seven/patients/", $id, "/", $name
+        )))),+])
+    };
+}
+
+/// A patient's folder: its name, and its files with their texts.
+type Folder = (&'static str, &'static [(&'static str, &'static str)]);
+
+/// Patients of `--example`: one that converges, and one whose step 1 stalls.
+const EXAMPLE: [Folder; 2] = [
+    bundled!("01-CoA", "patient.toml", "pressure.csv", "volume.csv"),
+    bundled!("04-CoA", "patient.toml", "pressure.csv", "volume.csv"),
+];
+/// The patient to fill in.
+const TEMPLATE: [Folder; 1] = [("P001", &[("patient.toml", PATIENT)])];
 
 /// Makes the folder and prints the next steps.
 ///
@@ -38,14 +62,17 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
         .clone()
         .or(folder_name)
         .unwrap_or_else(|| "cohort".to_owned());
-    let patient = args.folder.join("patients").join("P001");
-    let files = [
-        (
-            args.folder.join("cohort.toml"),
-            COHORT.replace("{name}", &toml_text(&name)),
-        ),
-        (patient.join("patient.toml"), PATIENT.to_owned()),
-    ];
+    let patients: &[Folder] = if args.example { &EXAMPLE } else { &TEMPLATE };
+    let cohort = COHORT.replace("{name}", &toml_text(&name));
+    let mut files = vec![(args.folder.join("cohort.toml"), cohort)];
+    for (id, texts) in patients {
+        let folder = args.folder.join("patients").join(id);
+        files.extend(
+            texts
+                .iter()
+                .map(|(name, text)| (folder.join(name), (*text).to_owned())),
+        );
+    }
     if let Some((there, _)) = files.iter().find(|(path, _)| path.exists()) {
         let message = format!(
             "{} already exists; nothing was written: name another folder",
@@ -53,17 +80,21 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
         );
         return Err(CliError::Usage(message));
     }
-    std::fs::create_dir_all(&patient).map_err(CliError::file("create", &patient))?;
     for (path, text) in &files {
+        let folder = path.parent().unwrap_or(&args.folder);
+        std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
         write_new(path, text)?;
         talk.data(&format!("{}\n", path.display()))?;
     }
     let folder = args.folder.display();
-    talk.hint(&format!(
-        "put pressure.csv and volume.csv into {}, fill in patient.toml, then `cardiotwin check {folder}` and \
-         `cardiotwin run {folder}`",
-        patient.display()
-    ));
+    talk.hint(&if args.example {
+        format!("`cardiotwin check {folder}`, then `cardiotwin run {folder}`")
+    } else {
+        format!(
+            "put pressure.csv and volume.csv into {folder}/patients/P001, fill in patient.toml, then `cardiotwin \
+             check {folder}` and `cardiotwin run {folder}`"
+        )
+    });
     Ok(Exit::Ok)
 }
 
@@ -99,6 +130,7 @@ mod tests {
             &InitArgs {
                 folder: folder.clone(),
                 name: None,
+                example: false,
             },
             &QUIET,
         )
@@ -120,11 +152,27 @@ mod tests {
     }
 
     #[test]
+    fn the_example_is_without_errors() {
+        let parent = tempfile::tempdir().unwrap();
+        let args = InitArgs {
+            folder: parent.path().join("my-cohort"),
+            name: None,
+            example: true,
+        };
+        execute(&args, &QUIET).unwrap();
+        let mut report = Report::default();
+        let cohort = load(&args.folder, &Options::default(), &mut report).unwrap();
+        assert_eq!(cohort.plans().len(), EXAMPLE.len());
+        assert_eq!(report.n_errors(), 0, "{:#?}", report.findings());
+    }
+
+    #[test]
     fn what_is_there_is_left_alone() {
         let parent = tempfile::tempdir().unwrap();
         let args = InitArgs {
             folder: parent.path().to_owned(),
             name: Some("x".into()),
+            example: true,
         };
         std::fs::write(parent.path().join("cohort.toml"), "mine").unwrap();
         assert!(matches!(execute(&args, &QUIET), Err(CliError::Usage(_))));

@@ -118,7 +118,8 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         follows_jobs: false,
     };
     let (cohort, refused) = load(&folders, &wanted, talk)?;
-    let told = redone::told(&folders, &cohort, &args.patients, chosen.as_ref()).await?;
+    let changes = redone::changed(chosen.as_ref(), &cohort.settings);
+    let told = redone::told(&folders.run, &cohort.plans(), &args.patients, &changes).await?;
     if args.dry_run {
         if let Some(told) = &told {
             talk.data(&format!("{told}\n"))?;
@@ -435,7 +436,7 @@ async fn finish(
         "nothing to do: no input changed".to_owned()
     } else {
         format!(
-            "{} published",
+            "{} computed",
             count(
                 usize::try_from(summary.published).unwrap_or(usize::MAX),
                 "task"
@@ -499,7 +500,7 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
     let stands: BTreeMap<PatientId, String> = match Reader::open(&folders.run).await {
         Ok(reader) => {
             let patients = reader.record().await?.patients.into_iter();
-            let stands = |p: PatientRecord| format!("{} {}", p.status.step, p.status.state);
+            let stands = |p: PatientRecord| p.status.words();
             patients.map(|p| (p.plan.id.clone(), stands(p))).collect()
         }
         Err(StoreError::Missing { .. }) => BTreeMap::new(),

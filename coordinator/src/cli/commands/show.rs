@@ -95,10 +95,9 @@ fn plot(record: &PatientRecord, file: &Path) -> Result<(), CliError> {
 fn heading(record: &PatientRecord) -> String {
     let status = &record.status;
     let mut text = format!(
-        "{}: {} {} for {}",
+        "{}: {} for {}",
         status.patient,
-        status.step,
-        status.state,
+        status.words(),
         duration(status.for_s)
     );
     if !status.note.is_empty() {

@@ -99,7 +99,15 @@ fn is_over(status: &Status) -> bool {
 pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String {
     let mut table = Columns::new(
         talk,
-        &[member, "STEP", "STATE", "ITER", ">COST", ">FOR", "NOTE"],
+        &[
+            member,
+            "STEP",
+            "STATE",
+            "ITERATION",
+            ">COST",
+            ">TIME IN STATE",
+            "NOTE",
+        ],
     );
     for refused in &status.refused {
         table.toned(refused_row(refused));
@@ -218,7 +226,7 @@ fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
     let cost = patient.step2_cost.or(patient.step1_cost);
     vec![
         (patient.patient.clone(), None),
-        (patient.step.clone(), None),
+        (patient.step_shown().to_owned(), None),
         (patient.state.to_string(), tone),
         (
             patient

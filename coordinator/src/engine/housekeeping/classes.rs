@@ -64,10 +64,10 @@ impl Class {
             Self::Record => "specification, provenance and outcome; kept",
             Self::Results => "traces, fits and meshes, read by reruns and the report; kept",
             Self::Jobs => "scripts and logs of a cluster's jobs; kept",
-            Self::Report => "report, models, tables; kept",
+            Self::Report => "report, models, exported tables; kept",
             Self::Series => "VTU series; `clean --series` removes them",
             Self::Scratch => {
-                "checkpoints and working folders; `clean` removes those of finished tasks"
+                "checkpoints and working folders; `clean` removes those of finished and aborted tasks"
             }
             Self::Unknown => "foreign files; never touched",
         }
@@ -84,6 +84,8 @@ pub enum Standing {
     /// The attempt is over, but its task has no result yet: the next attempt continues from its
     /// checkpoints.
     Unsettled,
+    /// The attempt is over without a result, and no patient needs its task any more.
+    Aborted,
     /// The task has a result.
     Settled,
 }
@@ -123,11 +125,11 @@ pub fn of_run(file: &Path) -> Class {
     let name = file.to_string_lossy();
     match first(file) {
         "slurm" => Class::Jobs,
-        "models" | "results" | "tables" => Class::Report,
-        "lease" | "notices" => Class::Record,
-        _ if name == "coordinator.lock" => Class::Record,
+        "models" | "results" | "tables" | "export" | "report-patients" => Class::Report,
+        "lease" | "notices" | "requests" => Class::Record,
+        "coordinator.lock" | "sweep.json" => Class::Record,
+        "report.html" | "discover.json" => Class::Report,
         _ if name.starts_with("cardiotwin.") => Class::Database,
-        _ if name == "report.html" => Class::Report,
         _ => Class::Unknown,
     }
 }
@@ -142,7 +144,7 @@ fn first(file: &Path) -> &str {
 /// Whether `clean` may remove a file of an attempt.
 #[must_use]
 pub fn is_removable(class: Class, standing: Standing, with_series: bool) -> bool {
-    standing == Standing::Settled
+    matches!(standing, Standing::Settled | Standing::Aborted)
         && (class == Class::Scratch || (with_series && class == Class::Series))
 }
 
@@ -169,6 +171,9 @@ mod tests {
             ("cardiotwin.db-wal", Class::Database),
             ("slurm/ct-1/job.sh", Class::Jobs),
             ("report.html", Class::Report),
+            ("report-patients/01-CoA.html", Class::Report),
+            ("export/traces.csv", Class::Report),
+            ("sweep.json", Class::Record),
             ("notes.txt", Class::Unknown),
         ] {
             assert_eq!(of_run(Path::new(file)), class, "{file}");
@@ -182,7 +187,7 @@ mod tests {
         fn nothing_is_removed_that_somebody_needs(
             names in proptest::collection::vec("(checkpoint/|external/|vtu/|)[a-z]{1,6}(\\.csv|\\.json|\\.bin|)", 0..12),
             named in proptest::collection::vec(any::<bool>(), 12),
-            standing in prop_oneof![Just(Standing::Foreign), Just(Standing::InUse), Just(Standing::Unsettled), Just(Standing::Settled)],
+            standing in prop_oneof![Just(Standing::Foreign), Just(Standing::InUse), Just(Standing::Unsettled), Just(Standing::Aborted), Just(Standing::Settled)],
             with_series in any::<bool>(),
         ) {
             let artefacts: HashSet<String> =
@@ -191,7 +196,7 @@ mod tests {
                 let class = of_attempt(Path::new(name), &artefacts);
                 let removed = is_removable(class, standing, with_series);
                 prop_assert!(!(removed && (artefacts.contains(name) || RECORD.contains(&name))), "{name} was needed");
-                prop_assert!(!(removed && standing != Standing::Settled), "{name} of {standing:?}");
+                prop_assert!(!(removed && [Standing::Foreign, Standing::InUse, Standing::Unsettled].contains(&standing)), "{name} of {standing:?}");
                 prop_assert!(!(removed && name.starts_with("vtu/") && !with_series), "{name} was not asked for");
             }
         }

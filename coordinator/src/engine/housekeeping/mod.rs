@@ -12,10 +12,11 @@ use std::path::{Path, PathBuf};
 use cardiotwin_protocol::names;
 use cardiotwin_schemas::formats::OUTCOME;
 use cardiotwin_schemas::hash::sha256_of_file;
-use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::outcome::TaskOutcome;
 use serde::Serialize;
 
+use cardiotwin_workflow::patient::Patient;
 use cardiotwin_workflow::task::Task;
 pub use classes::Class;
 use classes::Standing;
@@ -83,10 +84,17 @@ struct Entry {
     standing: Standing,
 }
 
+/// Digits of a task's key in the names of its attempts' directories.
+fn digits(task: &TaskKey) -> &str {
+    &task.as_str()[..16]
+}
+
 /// Standing of tasks and attempts, by the names of their directories.
 struct Standings {
     /// Whether the task has a result, by the first 16 digits of its key.
     settled: HashMap<String, bool>,
+    /// Tasks of patients that are not done, by the first digits of their keys.
+    needed: HashSet<String>,
     /// Directories of attempts that are not over.
     in_use: HashSet<PathBuf>,
     /// Result files by the directories of the published attempts. These come from the database
@@ -99,10 +107,15 @@ impl Standings {
         let books = Books::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
         let settled = books.tasks().iter().map(|(key, task)| {
             (
-                key.as_str()[..16].to_owned(),
+                digits(key).to_owned(),
                 matches!(task.state, Task::Published { .. }),
             )
         });
+        let unfinished = books
+            .patients()
+            .iter()
+            .filter(|patient| patient.row.state != Patient::Done);
+        let needed = unfinished.flat_map(|patient| patient.steps.values().map(digits));
         let results = books.tasks().iter().filter_map(|(key, task)| {
             let Task::Published { generation } = task.state else {
                 return None;
@@ -124,6 +137,7 @@ impl Standings {
             .filter(|attempt| !attempt.state.is_final());
         Ok(Self {
             results: results.collect(),
+            needed: needed.map(str::to_owned).collect(),
             settled: settled.collect(),
             in_use: in_use
                 .map(|attempt| PathBuf::from(&attempt.directory))
@@ -134,14 +148,13 @@ impl Standings {
     /// - `attempt`: path relative to the run's folder
     fn standing(&self, attempt: &Path) -> Standing {
         let name = attempt.file_name().unwrap_or_default().to_string_lossy();
-        match self
-            .settled
-            .get(name.split("-g").next().unwrap_or_default())
-        {
+        let task = name.split("-g").next().unwrap_or_default();
+        match self.settled.get(task) {
             None => Standing::Foreign,
             Some(_) if self.in_use.contains(attempt) => Standing::InUse,
             Some(true) => Standing::Settled,
-            Some(false) => Standing::Unsettled,
+            Some(false) if self.needed.contains(task) => Standing::Unsettled,
+            Some(false) => Standing::Aborted,
         }
     }
 }

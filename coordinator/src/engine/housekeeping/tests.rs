@@ -126,7 +126,7 @@ fn needed(
         let scratch = inside.starts_with("checkpoint") || inside == Path::new("nodal.csv.part");
         let series = inside.starts_with("vtu");
         let is_settled = settled.iter().any(|key| attempt.starts_with(key.as_str()));
-        // An attempt without a result continues from its checkpoints.
+        // A task that a patient needs continues from its checkpoints.
         !is_settled || !(scratch || (series && with_series))
     };
     before
@@ -136,14 +136,22 @@ fn needed(
         .collect()
 }
 
-/// First 16 digits of the keys of the tasks that have a result in the database.
+/// First 16 digits of the keys of the tasks that have a result in the database, or that no patient
+/// who is not done has in its chain.
 async fn settled(run_dir: &Path) -> Vec<String> {
     let loaded = Writer::look(run_dir).await.unwrap();
-    let published = loaded
-        .tasks
+    let unfinished = loaded
+        .patients
         .iter()
-        .filter(|task| matches!(task.state, Task::Published { .. }));
-    published.map(|task| task.key[..16].to_owned()).collect()
+        .filter(|(row, _, _)| row.state != Patient::Done);
+    let needed: Vec<&str> = unfinished
+        .filter_map(|(row, _, _)| loaded.steps.get(&row.id))
+        .flat_map(|steps| steps.values().map(TaskKey::as_str))
+        .collect();
+    let tasks = loaded.tasks.iter().filter(|task| {
+        matches!(task.state, Task::Published { .. }) || !needed.contains(&task.key.as_str())
+    });
+    tasks.map(|task| task.key[..16].to_owned()).collect()
 }
 
 async fn live(history: Vec<Happening>) {
@@ -267,6 +275,30 @@ async fn live(history: Vec<Happening>) {
         again.nothing_to_do() && submitted.is_empty(),
         "{submitted:?} again after {history:?}"
     );
+}
+
+#[tokio::test]
+async fn checkpoints_of_a_failed_simulation_go_once_its_patient_is_done() {
+    let bench = Bench::new(vec![personalised(PATIENTS[0], 8.0)]);
+    bench.leaves_files();
+    bench.may_fail(0, Some(150.0));
+    let (summary, _) = bench.run().await;
+    let record = Reader::open(bench.path()).await.unwrap();
+    let record = record.record().await.unwrap();
+    let failed = (record.patients[0].iterations.iter()).find(|i| i.failure.is_some());
+    assert!(failed.is_some() && summary.done == 1, "{summary:?}");
+    let books = Writer::look(bench.path()).await.unwrap();
+    let aborted: Vec<String> = (books.tasks.iter())
+        .filter(|task| matches!(task.state, Task::Failed { .. }))
+        .map(|task| task.key[..16].to_owned())
+        .collect();
+    let cleaned = clean(bench.path(), false, false).await.unwrap();
+    let is_of = |file: &PathBuf| {
+        aborted
+            .iter()
+            .any(|key| file.to_string_lossy().contains(key))
+    };
+    assert!(cleaned.files.iter().any(is_of), "{aborted:?}: {cleaned:?}");
 }
 
 /// An archive holds every file that is needed, agrees with its own list, and is a run that reads

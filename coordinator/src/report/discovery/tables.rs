@@ -293,12 +293,13 @@ fn number_of(value: f64, digits: usize) -> Markup {
 pub fn pooled(cases: &DiscoverCases) -> Markup {
     scrolling(&html! { table {
         caption { "All patients together" }
-        thead { tr { th { "effect" } th { "accepted in" } th { "pooled evidence" } th.unit { "a fault of" } } }
-        tbody { @for effect in pool(cases.values().map(|case| &case.found)) { tr {
+        thead { tr { th { "effect" } th { "accepted in" } th { "pooled evidence" } th.unit { "a fault of" } th.unit { "dominated by" } } }
+        tbody { @for effect in pool(cases.values().map(|c| (c.case.as_str(), &c.found))) { tr {
             th scope="row" { (plain(&effect.name)) }
             td.num { (effect.accepted_in) " of " (cases.len()) }
             td.num { (format!("{:.1}", effect.log_evidence)) }
             td { @if effect.of_the_model { "the organ's model" } @else if effect.accepted_in > 0 { "single patients" } }
+            td { (effect.dominated_by.as_deref().unwrap_or_default()) }
         } } }
     } })
 }

@@ -12,7 +12,8 @@ use clap::Args;
 /// docs/missing-effects.md explains the method and its limits.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The same command continues an interrupted search. Ctrl-C works as in `run`."
+    after_help = "The same command continues an interrupted search. The next search in the same folder goes on with \
+                  --effects, --seed and --mesh-nodes. Ctrl-C works as in `run`."
 )]
 pub struct DiscoverArgs {
     /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml)
@@ -44,9 +45,16 @@ pub struct DiscoverArgs {
     /// Names of the candidate effects to try [default: the whole catalogue]
     #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
     pub(super) effects: Vec<String>,
-    /// Seed of the bootstrap
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    pub(super) seed: u64,
+    /// Seed of the bootstrap [default: 1]
+    #[arg(long, value_name = "SEED")]
+    pub(super) seed: Option<u64>,
+    /// Drop `effects`, `seed`, `mesh-nodes` or `all` from the options kept with the searches (may be
+    /// given several times)
+    #[arg(long, value_name = "NAME")]
+    pub(super) unset: Vec<String>,
+    /// Redo finished searches without a question where options have changed
+    #[arg(long)]
+    pub(super) yes: bool,
     /// Number of cores to use; 0 is all
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(super) jobs: u32,

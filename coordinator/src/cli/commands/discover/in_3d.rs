@@ -9,6 +9,7 @@ use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{Fidelity, LastStep};
 
 use super::args::DiscoverArgs;
+use super::choice::Choice;
 use super::search::executor;
 use super::source::Source;
 use crate::cli::commands::sweep::drive;
@@ -37,7 +38,7 @@ pub struct Ended {
 /// Errors of the engine and the store.
 pub async fn add(
     args: &DiscoverArgs,
-    source: &Source,
+    (source, choice): (&Source, &Choice),
     run_dir: &Path,
     cases: &mut DiscoverCases,
     talk: &Talk,
@@ -51,7 +52,7 @@ pub async fn add(
         if case.found.findings.none {
             continue;
         }
-        match pair(case, plan, args.mesh_nodes) {
+        match pair(case, plan, choice.mesh_nodes) {
             Ok(pair) => members.extend(pair),
             Err(why) => ended.failures.push((patient.id.clone(), why)),
         }

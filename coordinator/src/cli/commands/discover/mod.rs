@@ -4,6 +4,7 @@
 mod accept;
 mod afterload;
 mod args;
+mod choice;
 mod in_3d;
 mod search;
 mod source;
@@ -23,6 +24,7 @@ use crate::discovery;
 use crate::engine::Reader;
 use crate::report::{discovery_svg, write_discovery};
 use crate::results::discovery::faults;
+use choice::Choice;
 use source::Source;
 
 pub use args::DiscoverArgs;
@@ -47,7 +49,8 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         );
     }
     let began = Instant::now();
-    let source = Source::read(args, talk)?;
+    let choice = Choice::of(args, talk).await?;
+    let source = Source::read(args, &choice, talk)?;
     if source.is_cohort() && args.plot.is_some() {
         return Err(CliError::Usage(
             "--plot draws only one patient: name a patient's folder".to_owned(),
@@ -59,11 +62,18 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
     if args.revert {
         return accept::revert(&source, talk);
     }
-    let mut ended = search::run(args, &source, talk).await?;
+    let mut ended = search::run(args, &source, &choice, talk).await?;
     add_run(&source, &mut ended.cases).await;
     discovery::keep_finite_element(discovery::read_cases(&ended.run_dir), &mut ended.cases);
     if args.in_3d && !ended.stopped {
-        let in_3d = in_3d::add(args, &source, &ended.run_dir, &mut ended.cases, talk).await?;
+        let in_3d = in_3d::add(
+            args,
+            (&source, &choice),
+            &ended.run_dir,
+            &mut ended.cases,
+            talk,
+        )
+        .await?;
         ended.failures.extend(in_3d.failures);
         ended.stopped = in_3d.stopped;
     }

@@ -10,6 +10,7 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::ExecutorSettings;
 
 use super::args::DiscoverArgs;
+use super::choice::Choice;
 use super::source::{Searched, Source};
 use crate::cli::commands::sweep::drive;
 use crate::cli::error::CliError;
@@ -33,7 +34,12 @@ pub struct Ended {
 ///
 /// # Errors
 /// Errors of the engine and the store.
-pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<Ended, CliError> {
+pub async fn run(
+    args: &DiscoverArgs,
+    source: &Source,
+    choice: &Choice,
+    talk: &Talk,
+) -> Result<Ended, CliError> {
     let run_dir = source.run_dir(args.run_dir.as_deref(), talk);
     if let Some(cases) = known(source, &run_dir).await? {
         return Ok(Ended {
@@ -43,13 +49,15 @@ pub async fn run(args: &DiscoverArgs, source: &Source, talk: &Talk) -> Result<En
             stopped: false,
         });
     }
+    let members: Vec<ResolvedPatient> = source.patients.iter().map(member).collect();
+    choice.ask(&run_dir, &members, (args.yes, talk)).await?;
     let options = RunOptions {
         run_dir: run_dir.clone(),
-        chosen: None,
+        chosen: Some(choice.chosen()),
         cohort_name: source.name.clone(),
         description: "search for missing effects".to_owned(),
         cohort_dir: source.folder.clone(),
-        patients: Some(source.patients.iter().map(member).collect()),
+        patients: Some(members),
         refused: source.refused.clone(),
         only: Vec::new(),
         executor: executor(args.jobs, source.patients.len()),

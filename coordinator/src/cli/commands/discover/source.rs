@@ -8,6 +8,7 @@ use cardiotwin_schemas::status::RefusedPatient;
 use cardiotwin_schemas::task::TaskSpec;
 
 use super::args::DiscoverArgs;
+use super::choice::Choice;
 use crate::cli::error::CliError;
 use crate::cli::problems;
 use crate::cli::talk::{Talk, count};
@@ -47,7 +48,7 @@ impl Source {
     /// [`CliError::Usage`] if it holds neither a patient nor a cohort; [`CliError::Input`] if the
     /// patient or `cohort.toml` has errors, if no patient of a cohort is free of them, or, with
     /// `--strict`, if any patient has one.
-    pub fn read(args: &DiscoverArgs, talk: &Talk) -> Result<Self, CliError> {
+    pub fn read(args: &DiscoverArgs, choice: &Choice, talk: &Talk) -> Result<Self, CliError> {
         let folder = &args.folder;
         let mut report = Report::default();
         let is = |name: &str| folder.join(name).is_file();
@@ -91,7 +92,7 @@ impl Source {
         };
         let mut patients: Vec<Searched> = patients
             .into_iter()
-            .filter_map(|patient| searched(patient, args, &mut report))
+            .filter_map(|patient| searched(patient, choice, &mut report))
             .collect();
         problems::say(&report, talk);
         let refused = problems::refused(&report);
@@ -178,8 +179,8 @@ fn in_cohort(cohort: &Path, folder: &Path, report: &mut Report) -> Option<Patien
     input::load(cohort, &options, report)?.patients.pop()
 }
 
-fn searched(patient: Patient, args: &DiscoverArgs, report: &mut Report) -> Option<Searched> {
-    let spec: DiscoverSpec = input::specification(&patient, &args.effects, args.seed, report)?;
+fn searched(patient: Patient, choice: &Choice, report: &mut Report) -> Option<Searched> {
+    let spec: DiscoverSpec = input::specification(&patient, &choice.effects, choice.seed, report)?;
     let task = TaskSpec::Discover(Box::new(spec));
     let key = task.key();
     Some(Searched { patient, task, key })

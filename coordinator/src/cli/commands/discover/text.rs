@@ -309,9 +309,15 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     let mut text = table.text();
     let mut table = Columns::new(
         talk,
-        &["EFFECT", ">ACCEPTED IN", ">POOLED EVIDENCE", "A FAULT OF"],
+        &[
+            "EFFECT",
+            ">ACCEPTED IN",
+            ">POOLED EVIDENCE",
+            "A FAULT OF",
+            "DOMINATED BY",
+        ],
     );
-    for pooled in pool(cases.values().map(|case| &case.found)) {
+    for pooled in pool(cases.values().map(|c| (c.case.as_str(), &c.found))) {
         let fault = match (pooled.of_the_model, pooled.accepted_in) {
             (true, _) => "the organ's model",
             (false, 0) => "",
@@ -323,6 +329,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
             accepted,
             number(pooled.log_evidence),
             fault.to_owned(),
+            pooled.dominated_by.unwrap_or_default(),
         ]);
     }
     text.push('\n');

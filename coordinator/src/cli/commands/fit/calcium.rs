@@ -144,10 +144,10 @@ fn problem(file: &Path, error: &CalciumFitError) -> Problem {
 
 fn answer(trace: &str, activation_ms: f64, fit: &CalciumFit) -> CalciumFitAnswer {
     let named = [
-        ("ca_res_uM", &fit.ca_res_um),
-        ("ca_max_uM", &fit.ca_max_um),
-        ("tau_cr_ms", &fit.tau_cr_ms),
-        ("tau_cd_ms", &fit.tau_cd_ms),
+        ("Ca_res_uM", &fit.ca_res_um),
+        ("Ca_max_uM", &fit.ca_max_um),
+        ("tau_CR_ms", &fit.tau_cr_ms),
+        ("tau_CD_ms", &fit.tau_cd_ms),
         ("tau_mean_ms", &fit.tau_mean_ms),
     ];
     CalciumFitAnswer {

@@ -1,5 +1,6 @@
 //! `cardiotwin sweep robustness`: personalisations with perturbed data or initial guesses.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -16,11 +17,11 @@ use super::on_cluster::{self, OnCluster};
 use super::robustness_text;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
-use crate::cli::problems;
 use crate::cli::table::duration;
 use crate::cli::talk::{Talk, count};
+use crate::cli::{kept, problems, redone};
 use crate::clock;
-use crate::engine::{Reader, RunOptions, RunSummary};
+use crate::engine::{Chosen, Reader, RunOptions, RunSummary};
 use crate::input::{self, Cohort, Options, Report};
 use crate::report::write_robustness;
 use crate::sweep::{SweepError, folder, robustness};
@@ -85,6 +86,12 @@ pub struct RobustnessArgs {
     /// Set KEY to VALUE, overriding all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Drop KEY, or `all`, from the options kept with this sweep (may be given several times)
+    #[arg(long, value_name = "KEY")]
+    unset: Vec<String>,
+    /// Redo finished members without a question where settings have changed
+    #[arg(long)]
+    yes: bool,
     /// Write the tables of finished members without running any
     #[arg(long)]
     results_only: bool,
@@ -113,6 +120,14 @@ impl Kind {
     }
 }
 
+impl RobustnessArgs {
+    /// Assignments of `--set`, followed by the settings that other options stand for.
+    fn given(&self) -> Vec<String> {
+        let workers = self.workers.map(|n| format!("executor.workers={n}"));
+        self.set.iter().cloned().chain(workers).collect()
+    }
+}
+
 /// Runs the personalisations and prints the spread.
 ///
 /// # Errors
@@ -125,14 +140,30 @@ pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliErro
             .join(format!("robustness-{}", args.kind.over().word()))
     });
     let before = before(args.kind.over(), &out)?;
-    let cohort = load(args, before.as_ref(), talk)?;
+    let chosen = kept::chosen(&out).await?;
+    let given = args.given();
+    let kept = chosen
+        .as_ref()
+        .map_or_else(Default::default, |c| c.set.clone());
+    let kept = kept::without(kept, &args.unset)?;
+    kept::say(&kept, &given, talk);
+    let set = kept::with(kept, &given);
+    let cohort = load(args, &set, before.as_ref(), talk)?;
     let spec = specification(args, before.as_ref(), &cohort, &out)?;
     let plans = cohort.plans();
     let members = members(&spec, &plans)?;
     let mut summary = None;
     if !args.results_only {
+        let changes = redone::changed(chosen.as_ref(), &cohort.settings);
+        if let Some(told) = redone::told(&out, &members, &[], &changes).await? {
+            redone::consent(&told, args.yes, talk)?;
+        }
         take(&out, &spec)?;
-        let ran = run(args, &cohort, &out, members, talk).await?;
+        let chosen = Chosen {
+            set,
+            settings: cohort.settings.value.clone(),
+        };
+        let ran = run(args, &cohort, (&out, chosen), members, talk).await?;
         if ran.on_cluster() {
             on_cluster::tell(&ran, "personalisations", talk);
             return Ok(Exit::Unfinished);
@@ -193,17 +224,17 @@ fn before(over: Uncertainty, out: &Path) -> Result<Option<RobustnessSpec>, CliEr
 /// named. Prints all problems.
 fn load(
     args: &RobustnessArgs,
+    chosen: &BTreeMap<String, String>,
     before: Option<&RobustnessSpec>,
     talk: &Talk,
 ) -> Result<Cohort, CliError> {
-    let mut set = args.set.clone();
+    let mut set = kept::as_assignments(chosen);
     if matches!(args.kind.over(), Uncertainty::Guess)
         && !set.iter().any(|setting| setting.starts_with(STOP))
     {
         // The defaults come first, so that settings from `--set` replace them.
         set.splice(0..0, TO_THE_END.map(str::to_owned));
     }
-    set.extend(args.workers.map(|n| format!("executor.workers={n}")));
     let mut only: Vec<String> = before.map_or(Vec::new(), |s| {
         s.patients.iter().map(ToString::to_string).collect()
     });
@@ -341,7 +372,7 @@ fn take(out: &Path, spec: &RobustnessSpec) -> Result<(), CliError> {
 async fn run(
     args: &RobustnessArgs,
     cohort: &Cohort,
-    out: &Path,
+    (out, chosen): (&Path, Chosen),
     members: Vec<ResolvedPatient>,
     talk: &Talk,
 ) -> Result<RunSummary, CliError> {
@@ -349,7 +380,7 @@ async fn run(
     args.cluster.apply(&mut executor);
     let options = RunOptions {
         run_dir: out.to_owned(),
-        chosen: None,
+        chosen: Some(chosen),
         cohort_name: cohort.name.clone(),
         description: format!("robustness, {}", args.kind.over().word()),
         cohort_dir: cohort.directory.clone(),
@@ -387,7 +418,7 @@ pub(super) fn write(
 fn ended(summary: &RunSummary, began: Instant, talk: &Talk) -> Exit {
     let failed = summary.failed + summary.cancelled;
     talk.say(&format!(
-        "{} in {}: {} done, {failed} failed or cancelled, {} unfinished; {} published",
+        "{} in {}: {} done, {failed} failed or cancelled, {} unfinished; {} computed",
         count(summary.patients, "personalisation"),
         duration(began.elapsed().as_secs_f64()),
         summary.done,

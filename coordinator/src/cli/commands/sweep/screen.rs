@@ -208,11 +208,7 @@ pub fn closing(run: &RunSummary, phases: &Phases, files: &[PathBuf]) -> String {
         "nothing to simulate".to_owned()
     } else {
         let published = usize::try_from(run.published).unwrap_or(usize::MAX);
-        format!(
-            "{} of {} published",
-            count(published, "chunk"),
-            run.patients
-        )
+        format!("{} of {} computed", count(published, "chunk"), run.patients)
     };
     let mut text = format!(
         "{done}; simulation {:.2} s, reading {:.2} s, analysis {:.2} s, writing {:.2} s, total {:.2} s\n",

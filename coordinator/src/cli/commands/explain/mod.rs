@@ -1,5 +1,7 @@
 //! `cardiotwin explain`: inputs that determine each task of a patient, and those that changed.
 
+mod pending;
+
 use std::path::PathBuf;
 
 use cardiotwin_schemas::ids::PatientId;
@@ -15,9 +17,10 @@ use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, Tone};
 use crate::engine::{JobRecord, LeafChange, StepExplanation, Task};
 use crate::input::{self, Options, Patient, Report};
+use pending::Pending;
 
-/// Explain the state of a patient's tasks: dependencies, changed inputs, and the files that set
-/// them
+/// Explain the state of a patient's tasks: dependencies, changed settings and files, and the layer
+/// or line that sets them
 #[derive(Debug, Args)]
 pub struct ExplainArgs {
     /// Name of the patient
@@ -39,36 +42,38 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     let id = PatientId(args.patient.clone());
     let steps = reader.explain(&id).await?;
     let (jobs, why) = reader.jobs(&id).await?;
-    if args.json {
-        if jobs.is_empty() {
-            talk.json(&steps)?;
-        } else {
-            talk.json(&serde_json::json!({ "steps": steps, "jobs": jobs, "next_job": why }))?;
-        }
-        return Ok(Exit::Ok);
-    }
     let record = reader.patient_record(&id).await?;
-    let patient = match &folders.cohort {
+    let cohort = match &folders.cohort {
         Some(cohort) => {
-            let overrides = stored_overrides(&folders.run, &args.patient).await?;
             let options = Options {
                 only: vec![args.patient.clone()],
-                overrides,
+                overrides: stored_overrides(&folders.run, &args.patient).await?,
                 kept: kept::assignments(&folders.run).await?,
-                set: Vec::new(),
-                meshes: false,
-                unaccepted: false,
+                ..Options::default()
             };
-            // The cohort is loaded only to find where values are set; `check` reports its problems.
+            // The cohort is loaded to find changes and their places; `check` reports its problems.
             input::load(cohort, &options, &mut Report::default())
-                .and_then(|mut cohort| cohort.patients.pop())
         }
         None => None,
     };
+    let plans = cohort.as_ref().map_or_else(Vec::new, input::Cohort::plans);
+    let patient = cohort.and_then(|mut cohort| cohort.patients.pop());
+    let pending = match &patient {
+        Some(patient) => Pending::of(&record.plan, patient, &plans, &folders).await?,
+        None => None,
+    };
+    if args.json {
+        talk.json(&serde_json::json!({
+            "steps": steps, "pending": pending, "jobs": jobs, "next_job": why,
+        }))?;
+        return Ok(Exit::Ok);
+    }
     let status = &record.status;
     talk.data(&format!(
-        "{}: {} {} {}\n",
-        status.patient, status.step, status.state, status.note
+        "{}: {} {}\n",
+        status.patient,
+        status.words(),
+        status.note
     ))?;
     if let Some(failure) = &record.failure {
         let remedy = failure
@@ -84,14 +89,11 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     }
     talk.data(&of_stall(&record, &folders))?;
     talk.data(&of_jobs(&jobs, &why, talk))?;
-    let mut files: Vec<(&str, PathBuf)> = Vec::new();
-    for file in [&record.plan.step0.pressure, &record.plan.step0.volume]
-        .into_iter()
-        .flatten()
-    {
-        files.push((&file.name, file.path.clone()));
-    }
+    let files = pending::files(&record.plan);
     talk.data(&text(&steps, patient.as_ref(), &files, talk))?;
+    if let Some(pending) = pending {
+        talk.data(&pending.words())?;
+    }
     Ok(Exit::Ok)
 }
 
@@ -170,7 +172,7 @@ fn of_jobs(jobs: &[JobRecord], why: &str, talk: &Talk) -> String {
 fn text(
     steps: &[StepExplanation],
     patient: Option<&Patient>,
-    files: &[(&str, PathBuf)],
+    files: &[(String, PathBuf)],
     talk: &Talk,
 ) -> String {
     let mut table = Columns::new(talk, &["STEP", "STATE", "TASK", ">TRIES", "SINCE", "WHY"]);
@@ -191,7 +193,7 @@ fn text(
         }
         let row = [
             (step.step.clone(), None),
-            (step.state.word().to_owned(), tone),
+            (step.state.shown().to_owned(), tone),
             (short(step.task.as_str()).to_owned(), Some(Tone::Quiet)),
             (step.generations.to_string(), None),
             (step.since.clone(), None),
@@ -208,15 +210,22 @@ fn text(
         ));
         for change in &step.changes {
             text.push_str(&format!("  {}", change.words()));
-            text.push_str(&places(change, patient, files));
+            let places = places(change, patient, files);
+            if !places.is_empty() {
+                text.push_str(&format!("   ({})", places.join("; ")));
+            }
             text.push('\n');
         }
     }
     text
 }
 
-/// Files and lines in which the changed value is set.
-fn places(change: &LeafChange, patient: Option<&Patient>, files: &[(&str, PathBuf)]) -> String {
+/// Layers, or files and lines, that set the changed value.
+fn places(
+    change: &LeafChange,
+    patient: Option<&Patient>,
+    files: &[(String, PathBuf)],
+) -> Vec<String> {
     let parts: Vec<&str> = change
         .path
         .split('.')
@@ -240,11 +249,7 @@ fn places(change: &LeafChange, patient: Option<&Patient>, files: &[(&str, PathBu
                 .map(|(key, place)| format!("{key} in {place}")),
         );
     }
-    if places.is_empty() {
-        String::new()
-    } else {
-        format!("   ({})", places.join("; "))
-    }
+    places
 }
 
 fn short(key: &str) -> &str {
@@ -281,6 +286,7 @@ mod tests {
             changes: vec![
                 change("pressure.sha256", "12".into(), "34".into()),
                 change("activation.spread_ms", 40.0.into(), 50.0.into()),
+                change("solver.newton_iterations", 1.into(), 2.into()),
             ],
             shared_with: vec!["P9".into()],
         };
@@ -298,7 +304,8 @@ mod tests {
             .unwrap()
             .patients
             .remove(0);
-        let files = [("pressure", PathBuf::from("/c/patients/P1/pressure.csv"))];
+        let pressure = PathBuf::from("/c/patients/P1/pressure.csv");
+        let files = [("pressure".to_owned(), pressure)];
         let said = text(&[step], Some(&patient), &files, &plain);
         let root = format!("{}/", folder.path().display());
         insta::assert_snapshot!(said.replace(&root, ""));

@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Prints the path of mdbook: $MDBOOK, the one in PATH (Debian has it from 13 on), else one that cargo builds below FOLDER, once
+# (two minutes on two cores; downloads crates). Usage: docs/book/mdbook.sh FOLDER
+set -euo pipefail
+folder=${1:?usage: docs/book/mdbook.sh FOLDER}
+version=0.4.52
+
+if [ -n "${MDBOOK:-}" ]; then
+    printf '%s\n' "$MDBOOK"
+elif command -v mdbook >/dev/null; then
+    command -v mdbook
+else
+    program=$folder/mdbook-$version/bin/mdbook
+    if [ ! -x "$program" ]; then
+        "${CARGO:-cargo}" install --quiet --locked --version "$version" --no-default-features --features search \
+            --config 'profile.release.opt-level=1' --config 'profile.release.lto="off"' \
+            --root "$folder/mdbook-$version" --target-dir "$folder/mdbook-build" mdbook >&2
+        rm -rf -- "$folder/mdbook-build"
+    fi
+    printf '%s\n' "$program"
+fi
