@@ -45,7 +45,7 @@ VOLATILE = {
     "commit", "created", "cpu_s", "directory", "elapsed_s", "ended", "ended_at", "finished_at", "folder", "host", "made",
     "path", "pid", "profile", "program", "provenance", "run", "run_dir", "seconds", "started", "started_at", "time",
     "version", "versions", "wall_s", "worker", "worker_commit", "made_at", "written_at", "at", "rustc", "cores",
-    "time_per_iteration_HFM_s", "time_per_iteration_LFM_s",
+    "time_per_evaluation_step2_s", "time_per_iteration_step1_s",
 }
 
 

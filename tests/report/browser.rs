@@ -77,6 +77,21 @@ impl Browser {
         serde_json::from_slice(&percent_decoded(coded)).expect("the script's value is JSON")
     }
 
+    /// Prints a page to a PDF and returns the number of its sheets.
+    pub fn printed(&self, file: &Path, fragment: &str, pdf: &Path) -> usize {
+        let to = format!("--print-to-pdf={}", pdf.display());
+        let (_, err) = self.run(
+            file,
+            fragment,
+            (1300, 2000),
+            &[&to, "--no-pdf-header-footer"],
+        );
+        let bytes = std::fs::read(pdf).unwrap_or_else(|error| panic!("no PDF, {error}: {err}"));
+        let text = String::from_utf8_lossy(&bytes);
+        // Every sheet is an object of the type Page, and the list of them one of the type Pages.
+        text.matches("/Type /Page").count() - text.matches("/Type /Pages").count()
+    }
+
     /// Takes a screenshot as PNG.
     pub fn screenshot(&self, file: &Path, fragment: &str, window: (u32, u32), png: &Path) {
         let (_, err) = self.run(
@@ -109,7 +124,10 @@ impl Browser {
             .args([
                 "--headless",
                 "--no-sandbox",
-                "--disable-gpu",
+                // Software rendering, so that pages can use WebGL without a graphics card.
+                "--use-gl=angle",
+                "--use-angle=swiftshader",
+                "--enable-unsafe-swiftshader",
                 "--hide-scrollbars",
                 "--disable-background-networking",
             ])

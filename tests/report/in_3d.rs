@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use cardiotwin::report::{Pages, write_report};
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
 use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::heart::{HeartBeat, HeartSurface, PackedValues, packed_points};
 use cardiotwin_schemas::organ::{EffectSpec, OrganSpec};
 use cardiotwin_schemas::outcome::Artefact;
 use cardiotwin_schemas::record::{BeforeEffects, PatientRecord, RunRecord, TaskRecord};
@@ -101,7 +102,7 @@ fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
             ("seconds_beat", 4.2),
         ]);
         if with_pictures {
-            keep(run, "heart", "heart.json", HEART);
+            keep(run, "heart", "heart.json", &beating());
         }
     }
     if with_pictures {
@@ -114,9 +115,51 @@ fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
     }
 }
 
+/// [`HEART`] with frames that lead from its first state to the second and back, and without a half
+/// in front of the cut.
+fn beating() -> String {
+    let mut heart: HeartSurface = serde_json::from_str(HEART).unwrap();
+    let [begin, end] = heart.states.as_slice() else {
+        panic!("two states are drawn")
+    };
+    let shares: Vec<f64> = (0..=24)
+        .map(|k| (f64::from(k) / 24.0 * std::f64::consts::PI).sin().powi(2))
+        .collect();
+    let between = |a: f64, b: f64, share: f64| a + share * (b - a);
+    let place = |share: f64| {
+        let pairs = std::iter::zip(&begin.points_mm, &end.points_mm);
+        pairs
+            .map(|(a, b)| std::array::from_fn(|i| between(a[i], b[i], share)))
+            .collect()
+    };
+    let frames: Vec<Vec<[f64; 3]>> = shares.iter().map(|share| place(*share)).collect();
+    let packed = |a: &[Option<f64>], b: &[Option<f64>]| {
+        let at = |share: &f64| -> Vec<Option<f64>> {
+            std::iter::zip(a, b)
+                .map(|(a, b)| Some(between((*a)?, (*b)?, *share)))
+                .collect()
+        };
+        PackedValues::of(&shares.iter().flat_map(at).collect::<Vec<_>>())
+    };
+    let (origin_mm, step_mm, points) = packed_points(&frames);
+    let of = |a: f64, b: f64| shares.iter().map(|share| between(a, b, *share)).collect();
+    heart.beat = Some(HeartBeat {
+        time_ms: (0..=24).map(|k| 25.0 * f64::from(k)).collect(),
+        volume_ml: of(begin.volume_ml, end.volume_ml),
+        pressure_mmhg: of(begin.pressure_mmhg, end.pressure_mmhg),
+        origin_mm,
+        step_mm,
+        points,
+        sa_kpa: packed(&begin.sa_kpa, &end.sa_kpa),
+        lambda: packed(&begin.lambda, &end.lambda),
+        front: vec![],
+    });
+    serde_json::to_string(&heart).unwrap()
+}
+
 /// One patient with everything that can be shown, and one whose simulations were made before
 /// pictures were kept.
-fn run(root: &Path) -> RunRecord {
+pub fn run(root: &Path) -> RunRecord {
     let mut run = fixture::cohort(root);
     run.patients.truncate(2);
     let [shown, old] = run.patients.as_mut_slice() else {
@@ -138,7 +181,7 @@ fn run(root: &Path) -> RunRecord {
     run
 }
 
-fn written() -> (tempfile::TempDir, PathBuf) {
+pub fn written() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("report.html");
     write_report(&run(folder.path()), None, Pages::All, &out).unwrap();

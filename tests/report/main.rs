@@ -5,6 +5,7 @@ mod browser;
 mod export;
 mod fixture;
 mod in_3d;
+mod interactive;
 mod traces;
 
 use std::path::{Path, PathBuf};

@@ -1,6 +1,5 @@
-//! The paper's Tables 1, 2, A6 and A7 (Jung et al. 2022) for this cohort. Columns have the names
-//! under which the paper's own numbers are kept, so that both can be joined; there `LFM` is step 1
-//! and `HFM` step 2. Columns that the paper lacks come last.
+//! The paper's Tables 1, 2, A6 and A7 (Jung et al. 2022) for this cohort. The paper's LFM is step 1
+//! and its HFM step 2. Columns that the paper lacks come last.
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::cell::TABLE_A7;
@@ -8,6 +7,7 @@ use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use serde_json::{Value, json};
 
 use super::table::{Row, Table, number};
+use crate::results::model::Model;
 use crate::results::{MeanSd, PatientView, Step};
 
 fn rows(run: &RunRecord, values: impl Fn(PatientView) -> Vec<Value>) -> Vec<Row> {
@@ -31,21 +31,26 @@ fn integer(value: Option<u64>) -> Value {
 pub fn table_1(run: &RunRecord) -> Table {
     Table {
         name: "table_1",
-        caption: "Mesh information, times, iteration numbers; iterations_HFM counts cell evaluations, as in the paper",
+        caption: "Mesh, times, numbers of iterations (step 1) and of cell evaluations (step 2), model",
         columns: names(&[
             "nodes",
             "elements",
             "cycle_length_ms",
-            "time_per_iteration_LFM_s",
-            "time_per_iteration_HFM_s",
-            "iterations_LFM",
-            "iterations_HFM",
-            "iteration_taken_LFM",
-            "first_within_tolerance_LFM",
-            "cost_LFM",
-            "quality_LFM",
-            "cost_HFM",
+            "time_per_iteration_step1_s",
+            "time_per_evaluation_step2_s",
+            "iterations_step1",
+            "evaluations_step2",
+            "iteration_taken_step1",
+            "first_within_tolerance_step1",
+            "cost_step1",
+            "quality_step1",
+            "cost_step2",
             "wall_time_s",
+            "organ",
+            "passive_law",
+            "contraction_step1",
+            "contraction_step2",
+            "effects",
         ]),
         rows: rows(run, |view| {
             let p = view.0;
@@ -66,6 +71,7 @@ pub fn table_1(run: &RunRecord) -> Table {
                 .filter(|f| f.result.evaluations > 0)
                 .map(|f| f.provenance.wall_s / f.result.evaluations as f64);
             let step1 = p.step1.as_ref();
+            let model = Model::of(p);
             vec![
                 counted("nodes"),
                 counted("elements"),
@@ -80,21 +86,17 @@ pub fn table_1(run: &RunRecord) -> Table {
                 step1.map_or(Value::Null, |s| json!(s.to_string())),
                 number(fit.map(|f| f.result.cost)),
                 number(view.wall_s()),
+                json!(model.organ),
+                json!(model.passive_law),
+                json!(model.contraction_step1),
+                json!(model.contraction_step2),
+                json!(model.effects),
             ]
         }),
     }
 }
 
-/// Name of a biomarker's column in the paper's tables.
-fn paper_name(b: Biomarker) -> &'static str {
-    match b {
-        Biomarker::DpdtMax => "dP_dt_max_mmHg_per_ms",
-        Biomarker::DpdtMin => "dP_dt_min_mmHg_per_ms",
-        other => other.key(),
-    }
-}
-
-/// Biomarkers: clinical, step 1, step 2, with absolute relative differences in percent, as the paper prints them.
+/// Biomarkers: measured, step 1, step 2, with absolute relative differences in percent, as the paper prints them.
 pub fn table_2(run: &RunRecord) -> Table {
     let mut rows = Vec::new();
     for p in &run.patients {
@@ -110,19 +112,16 @@ pub fn table_2(run: &RunRecord) -> Table {
             });
         };
         let percent = |step, b| view.relative_difference(step, b).map(|d| 100.0 * d.abs());
-        row("clinical", &|b| view.measured().get(b));
-        row("step1_LFM", &|b| view.simulated(Step::Step1)?.get(b));
-        row("step1_LFM_rel_diff_percent", &|b| percent(Step::Step1, b));
-        row("step2_HFM", &|b| view.simulated(Step::Step2)?.get(b));
-        row("step2_HFM_rel_diff_percent", &|b| percent(Step::Step2, b));
+        row("measured", &|b| view.measured().get(b));
+        row("step1", &|b| view.simulated(Step::Step1)?.get(b));
+        row("step1_difference_percent", &|b| percent(Step::Step1, b));
+        row("step2", &|b| view.simulated(Step::Step2)?.get(b));
+        row("step2_difference_percent", &|b| percent(Step::Step2, b));
     }
     Table {
         name: "table_2",
-        caption: "Simulated and clinical LV pressure and volume biomarkers",
-        columns: Biomarker::ALL
-            .iter()
-            .map(|b| paper_name(*b).to_owned())
-            .collect(),
+        caption: "Simulated and measured LV pressure and volume biomarkers",
+        columns: Biomarker::ALL.iter().map(|b| b.key().to_owned()).collect(),
         rows,
     }
 }

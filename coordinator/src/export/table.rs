@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use crate::results::MeanSd;
 
-/// A row of a table. A patient may have several rows that differ in `kind` (clinical, step 1, …).
+/// A row of a table. A patient may have several rows that differ in `kind` (measured, step 1, …).
 pub struct Row {
     /// Pseudonym of the patient.
     pub patient: String,
@@ -158,9 +158,13 @@ fn rounded(value: f64) -> f64 {
 /// A number with twelve significant digits, or null for a value that is missing or not finite.
 #[must_use]
 pub fn number(value: Option<f64>) -> Value {
-    value
-        .filter(|v| v.is_finite())
-        .map_or(Value::Null, |v| json!(rounded(v)))
+    value.filter(|v| v.is_finite()).map_or(Value::Null, |v| {
+        if v == 0.0 {
+            json!(0)
+        } else {
+            json!(rounded(v))
+        }
+    })
 }
 
 #[cfg(test)]

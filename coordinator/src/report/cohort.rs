@@ -6,9 +6,10 @@ use cardiotwin_schemas::status::PatientState;
 use maud::{Markup, html};
 
 use super::figures::legend;
-use super::format::{count, duration, fixed, moment, percent, significant, symbol};
+use super::format::{count, duration, fixed, moment, percent, raw, significant, symbol};
 use super::patient::{standing, step1_words};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, SvgText};
+use super::summary;
 use super::tables::scrolling;
 use crate::results::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Source, Step};
 
@@ -111,8 +112,9 @@ pub fn header(run: &RunRecord) -> Markup {
         .fold(0.0, |a, b| a + b);
     html! {
         header.top {
-            h1 { (run.cohort) }
+            h1 { (run.cohort) button.print type="button" title="print the summary: model, errors, notes and patients" hidden { "Print the summary" } }
             @if !run.description.is_empty() { p.lead { (run.description) } }
+            (summary::model(run))
             p.summary { (sentence(run)) }
             @if !run.refused.is_empty() {
                 div.refused {
@@ -356,26 +358,39 @@ enum Show {
 struct Column {
     step: &'static str,
     head: Markup,
+    /// Head in a saved table, with the unit of its values.
+    saved: String,
     meaning: &'static str,
     show: Show,
     of: Box<dyn Fn(PatientView) -> Option<f64>>,
 }
 
-fn columns() -> Vec<Column> {
+/// Key of a biomarker without its unit.
+fn name_of(b: Biomarker) -> &'static str {
+    let unit = format!("_{}", b.unit().replace('/', "_per_"));
+    b.key().strip_suffix(unit.as_str()).unwrap_or(b.key())
+}
+
+/// The columns, with those of step 3 if any patient has one.
+fn columns(with_step3: bool) -> Vec<Column> {
     const GAP: &str = "measured end-diastolic volume minus simulated volume at the beat's end";
-    let column =
-        |step, head: Markup, meaning, show, of: Box<dyn Fn(PatientView) -> Option<f64>>| Column {
-            step,
-            head,
-            meaning,
-            show,
-            of,
-        };
+    let column = |step,
+                  (head, saved): (Markup, &str),
+                  meaning,
+                  show,
+                  of: Box<dyn Fn(PatientView) -> Option<f64>>| Column {
+        step,
+        head,
+        saved: saved.to_owned(),
+        meaning,
+        show,
+        of,
+    };
     let errors = |name, step| {
         Biomarker::TABLE_2.map(|b| {
             column(
                 name,
-                symbol(b.key()),
+                (symbol(b.key()), &format!("{} difference (%)", name_of(b))),
                 "",
                 Show::Error,
                 Box::new(move |v: PatientView| v.relative_difference(step, b)),
@@ -386,7 +401,7 @@ fn columns() -> Vec<Column> {
         let of = move |v: PatientView| v.simulated(step).and_then(|b| b.end_of_beat_gap_ml);
         column(
             name,
-            html! { "gap," br; "mL" },
+            (html! { "gap," br; "mL" }, "gap (mL)"),
             GAP,
             Show::Tenths,
             Box::new(of),
@@ -396,14 +411,14 @@ fn columns() -> Vec<Column> {
     let mut all = vec![
         column(
             "step 1",
-            html! { "iter." },
+            (html! { "iter." }, "iterations"),
             "simulations of step 1",
             Show::Count,
             Box::new(iterations),
         ),
         column(
             "step 1",
-            html! { "cost" },
+            (html! { "cost" }, "cost"),
             "cost of the selected iterate",
             Show::Cost,
             Box::new(|v| v.0.step1.as_ref().map(|s| s.cost)),
@@ -414,7 +429,7 @@ fn columns() -> Vec<Column> {
     let fit = |v: PatientView| v.0.cell_fit.as_ref().map(|f| f.result.cost);
     all.push(column(
         "step 2",
-        html! { "cost" },
+        (html! { "cost" }, "cost"),
         "cost of the fit at the cell; ▲ not all targets are reachable",
         Show::Fit,
         Box::new(fit),
@@ -424,16 +439,18 @@ fn columns() -> Vec<Column> {
     let organ = "cost of the verification beat by step 1's formula";
     all.push(column(
         "step 2",
-        html! { "organ" br; "cost" },
+        (html! { "organ" br; "cost" }, "organ cost"),
         organ,
         Show::Cost,
         Box::new(|v| v.0.verification_cost),
     ));
-    all.extend(errors("step 3", Step::Step3));
-    all.push(gap("step 3", Step::Step3));
+    if with_step3 {
+        all.extend(errors("step 3", Step::Step3));
+        all.push(gap("step 3", Step::Step3));
+    }
     all.push(column(
         "",
-        html! { "time" },
+        (html! { "time" }, "time (s)"),
         "wall time of all tasks",
         Show::Time,
         Box::new(|v| v.wall_s()),
@@ -462,7 +479,11 @@ fn cell(column: &Column, first: bool, patient: &PatientRecord) -> Markup {
             .cell_fit
             .as_ref()
             .is_some_and(|f| !f.result.unreachable_targets.is_empty());
-    html! { td class={ "num" (group) (size) } { (text) @if short_of { span.warn title="not all targets are reachable" { " ▲" } } } }
+    let saved = match column.show {
+        Show::Error => value.map(|share| 100.0 * share),
+        _ => value,
+    };
+    html! { td class={ "num" (group) (size) } data-value=(raw(saved)) { (text) @if short_of { span.warn title="not all targets are reachable" { " ▲" } } } }
 }
 
 /// Whether each column is the first of its step's group.
@@ -475,7 +496,7 @@ fn opens(columns: &[Column]) -> Vec<bool> {
 /// Table with one row per patient, followed by mean, SD and the paper's means.
 #[must_use]
 pub fn table(run: &RunRecord, link: Link) -> Markup {
-    let columns = columns();
+    let columns = columns(run.patients.iter().any(|p| p.step3.is_some()));
     let opens = opens(&columns);
     let spread: Vec<Option<MeanSd>> = columns
         .iter()
@@ -521,7 +542,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
                 }
                 tr {
                     @for (c, open) in std::iter::zip(&columns, &opens) {
-                        th scope="col" class=[group(*open)] title=[(!c.meaning.is_empty()).then_some(c.meaning)] { (c.head) }
+                        th scope="col" class=[group(*open)] title=[(!c.meaning.is_empty()).then_some(c.meaning)] data-value=(c.saved) { (c.head) }
                     }
                 }
             }
@@ -532,7 +553,7 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
                     @let words = if words.starts_with("verified, off") { "verified, off" } else { &*words };
                     tr {
                         th scope="row" { a href=(link(p)) { (p.plan.id) } }
-                        td.state { span class=(class) { (sign) } " " (words) @if p.status.state == PatientState::Done && p.step1.is_some() { br; span.quiet { "step 1 " (step1_words(p)) } } }
+                        td.state { span class=(class) { (sign) } " " (words) @if p.status.state == PatientState::Done && !PatientView(p).step1_converged() && p.step1.is_some() { br; span.quiet { "step 1 " (step1_words(p)) } } }
                         @for (c, open) in std::iter::zip(&columns, &opens) { (cell(c, *open, p)) }
                     }
                 }
@@ -540,11 +561,11 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
             tfoot {
                 tr {
                     th scope="row" colspan="2" { "mean" span.quiet { ", absolute errors" } }
-                    @for (i, c) in columns.iter().enumerate() { td.num class=[group(opens[i])] { (foot(c, spread[i].map(|s| s.mean))) } }
+                    @for (i, c) in columns.iter().enumerate() { td.num class=[group(opens[i])] data-value=(raw(spread[i].map(|s| s.mean))) { (foot(c, spread[i].map(|s| s.mean))) } }
                 }
                 tr {
                     th scope="row" colspan="2" { "SD" }
-                    @for (i, c) in columns.iter().enumerate() { td.num class=[group(opens[i])] { (foot(c, spread[i].and_then(|s| s.sd))) } }
+                    @for (i, c) in columns.iter().enumerate() { td.num class=[group(opens[i])] data-value=(raw(spread[i].and_then(|s| s.sd))) { (foot(c, spread[i].and_then(|s| s.sd))) } }
                 }
                 tr.paper {
                     th scope="row" colspan="2" { "the paper's mean" }

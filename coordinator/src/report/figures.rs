@@ -232,6 +232,7 @@ pub fn pressure(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
         });
     }
     mark_times(&mut chart, patient, signals, SignalKind::Pressure);
+    chart.role = Some("pressure");
     Some(chart)
 }
 
@@ -262,6 +263,7 @@ pub fn volume(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
         });
     }
     mark_times(&mut chart, patient, signals, SignalKind::Volume);
+    chart.role = Some("volume");
     Some(chart)
 }
 
@@ -351,6 +353,7 @@ pub fn pv_loop(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
     }
     chart.series = series;
     chart.reading = Reading::Nearest;
+    chart.role = Some("loop");
     Some(chart)
 }
 
@@ -404,6 +407,7 @@ pub fn flows(patient: &PatientRecord, signals: &Signals) -> Option<Chart> {
             }
         }
     }
+    chart.role = Some("flow");
     Some(chart)
 }
 

@@ -28,6 +28,7 @@ pub fn significant(value: f64, digits: i32) -> String {
 #[must_use]
 pub fn fixed(value: Option<f64>, decimals: usize) -> String {
     match value {
+        Some(0.0) => "0".to_owned(),
         Some(value) if value.is_finite() => {
             let text = format!("{value:.decimals$}");
             let nothing = text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.'));
@@ -45,12 +46,22 @@ pub fn fixed(value: Option<f64>, decimals: usize) -> String {
 #[must_use]
 pub fn percent(share: Option<f64>) -> String {
     match share {
+        Some(0.0) => "0".to_owned(),
         Some(share) if share.is_finite() && (share * 1000.0).round() == 0.0 => "0.0".to_owned(),
         Some(share) if share.is_finite() => {
             format!("{:+.1}", share * 100.0).replace('-', "\u{2212}")
         }
         _ => "\u{2013}".to_owned(),
     }
+}
+
+/// A value as it was computed, for the script that sorts and saves tables; empty for none.
+#[must_use]
+pub fn raw(value: Option<f64>) -> String {
+    value
+        .filter(|value| value.is_finite())
+        // Adding zero turns a negative zero into a positive one.
+        .map_or_else(String::new, |value| (value + 0.0).to_string())
 }
 
 /// A duration in milliseconds, seconds, minutes or hours, depending on its size.
@@ -146,7 +157,7 @@ mod tests {
         );
         assert_eq!(
             [-0.04, -0.06, 0.0].map(|v| fixed(Some(v), 1)),
-            ["0.0", "\u{2212}0.1", "0.0"]
+            ["0.0", "\u{2212}0.1", "0"]
         );
         assert_eq!(
             moment("2026-01-02T03:04:05.678Z"),

@@ -22,6 +22,7 @@ pub mod preparation;
 mod provenance;
 mod robustness;
 pub mod sensitivity;
+mod summary;
 mod tables;
 mod write;
 

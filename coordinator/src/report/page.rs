@@ -12,6 +12,11 @@ use crate::results::{WriteError, atomic};
 
 const CSS: &str = include_str!("report.css");
 const JS: &str = include_str!("report.js");
+/// Scripts that add to it: sorting and downloads, time slider. They stand alone, so that one that
+/// fails leaves the others.
+const TABLES_JS: &str = include_str!("tables.js");
+const PLAYER_JS: &str = include_str!("player.js");
+const HEART_JS: &str = include_str!("heart.js");
 /// Script that sets the theme before anything is drawn, so that a dark page never flashes white.
 /// `#dark` and `#light` in the address override the stored theme.
 const THEME_JS: &str = "(function(){var h=location.hash.slice(1),t=h==='dark'||h==='light'?h:null;\
@@ -57,6 +62,9 @@ pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
                 (nav)
                 main { (content) }
                 script { (PreEscaped(JS)) }
+                script { (PreEscaped(TABLES_JS)) }
+                @if content.0.contains("class=\"heart-data\"") { script { (PreEscaped(HEART_JS)) } }
+                @if content.0.contains("class=\"player\"") { script { (PreEscaped(PLAYER_JS)) } }
             }
         }
     }

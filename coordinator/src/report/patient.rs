@@ -45,7 +45,7 @@ pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String)
                 None => ("quiet", "○", format!("not verified{stalled}")),
             }
         }
-        (PatientState::Done, None) => ("good", "●", "done".to_owned()),
+        (PatientState::Done, None) => ("good", "●", "finished".to_owned()),
         (state @ (PatientState::Failed | PatientState::Cancelled), _) => (
             "bad",
             "✕",
@@ -261,8 +261,8 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
     }
 }
 
-fn beat(patient: &PatientRecord, signals: &Signals) -> Markup {
-    let drawn: Vec<_> = [
+fn beat(patient: &PatientRecord, signals: &Signals, drawn: &organ_3d::Drawn) -> Markup {
+    let lines: Vec<_> = [
         Source::Measured,
         Source::Step1,
         Source::Step2,
@@ -286,8 +286,11 @@ fn beat(patient: &PatientRecord, signals: &Signals) -> Markup {
     let no_volume = "No volume to draw: none was measured, and no simulation wrote one.";
     html! {
         h3 { "Beat" }
-        @if !drawn.is_empty() { (legend(&drawn)) }
+        @if !lines.is_empty() { (legend(&lines)) }
         @for sentence in missing(patient, signals) { p.absent { (sentence) } }
+        div.beat {
+        div.player data-length=(patient.plan.step0.cycle_length_ms) hidden {}
+        (organ_3d::moving(drawn))
         div.figures {
             (figure("Pressure", figures::pressure(patient, signals), "No pressure trace to draw.", &none))
             (figure("Volume", figures::volume(patient, signals), no_volume, &html! { span.quiet { (figures::gap_words(patient).unwrap_or_default()) } }))
@@ -295,6 +298,7 @@ fn beat(patient: &PatientRecord, signals: &Signals) -> Markup {
             @if let Some(chart) = figures::flows(patient, signals) {
                 (figure("Valve flows", Some(chart), "", &none))
             }
+        }
         }
     }
 }
@@ -353,6 +357,7 @@ fn cell(patient: &PatientRecord, signals: &Signals) -> Markup {
 #[must_use]
 pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
     let (class, sign, words) = standing(patient);
+    let drawn = organ_3d::Drawn::of(patient);
     html! {
         section.patient id={ "p-" (patient.plan.id) } {
             header {
@@ -363,11 +368,11 @@ pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
             }
             (summary(patient))
             (flags(patient, signals))
-            (beat(patient, signals))
+            (beat(patient, signals, &drawn))
             (step1(patient))
             (cell(patient, signals))
             (posterior::part(patient, signals))
-            (organ_3d::part(patient, signals))
+            (organ_3d::part(patient, signals, &drawn))
             h3 { "Numbers" }
             div.tables {
                 (tables::biomarkers(patient))

@@ -16,7 +16,7 @@ fn hash(text: &str) -> Markup {
     html! { code title=(text) { (short) } }
 }
 
-/// Table of the published tasks with key, times and seed; hashes of the inputs; settings that
+/// Table of the finished tasks with key, times and seed; hashes of the inputs; settings that
 /// determine the result.
 #[must_use]
 pub fn details(patient: &PatientRecord) -> Markup {
@@ -40,12 +40,12 @@ pub fn details(patient: &PatientRecord) -> Markup {
     html! {
         details.provenance {
             summary { "Provenance" }
-            @if tasks.is_empty() { p.absent { "No task of this patient has published a result." } }
+            @if tasks.is_empty() { p.absent { "No task of this patient has finished." } }
             @else {
                 (scrolling(&html! {
                     table {
                         thead { tr {
-                            @for head in ["task", "key", "try", "started", "wall", "processor", "memory", "seed", "threads", "ranks", "version", "commit", "arithmetic", "host"] {
+                            @for head in ["task", "key", "try", "started", "wall time", "processor time", "memory", "seed", "threads", "ranks", "version", "commit", "arithmetic", "host"] {
                                 th scope="col" { (head) }
                             }
                         } }
@@ -53,7 +53,7 @@ pub fn details(patient: &PatientRecord) -> Markup {
                             @for (name, key, generation, p) in &tasks {
                                 tr {
                                     th scope="row" { (name) } td { (hash(key)) } td.num { (generation) } td { (moment(&p.started)) }
-                                    td.num { (duration(p.wall_s)) } td.num { (duration(p.cpu_s)) }
+                                    td.num data-value=(p.wall_s) { (duration(p.wall_s)) } td.num data-value=(p.cpu_s) { (duration(p.cpu_s)) }
                                     td.num { (significant(p.peak_memory_mb, 3)) " MB" }
                                     td.num { @if let Some(seed) = p.seed { (seed) } }
                                     td.num { (p.threads) } td.num { (p.ranks) } td { (p.version) }

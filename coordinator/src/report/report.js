@@ -40,10 +40,14 @@
   const axis = (text, from, to) => {
     const [lo, hi, kind, unit] = text.split(",");
     const [a, b] = [Number(lo), Number(hi)];
-    return { unit, value: (px) => {
-      const f = (px - from) / (to - from);
-      return kind === "log" ? a * (b / a) ** f : a + (b - a) * f;
-    } };
+    return {
+      unit,
+      value: (px) => {
+        const f = (px - from) / (to - from);
+        return kind === "log" ? a * (b / a) ** f : a + (b - a) * f;
+      },
+      pixel: (value) => from + (to - from) * (kind === "log" ? Math.log(value / a) / Math.log(b / a) : (value - a) / (b - a)),
+    };
   };
   const show = (v) => (v === 0 ? "0" : Number(v.toPrecision(Math.abs(v) >= 1000 ? 4 : 3)).toString()).replace("-", "\u2212");
   const element = (name, attributes) => {
@@ -58,6 +62,7 @@
     const [a, b] = [line[i - 1], line[i]];
     return b ? a[1] + (b[1] - a[1]) * (b[0] === a[0] ? 0 : (x - a[0]) / (b[0] - a[0])) : a[1];
   };
+  globalThis.cardiotwinReading = { pointsOf, axis, show, element, atX };
   for (const svg of document.querySelectorAll("svg.plot[data-read]")) {
     const [x0, x1, y0, y1] = svg.dataset.area.split(",").map(Number);
     const xs = axis(svg.dataset.x, x0, x1), ys = axis(svg.dataset.y, y1, y0);

@@ -10,7 +10,7 @@ use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::step1::Step1Parameter;
 use maud::{Markup, html};
 
-use super::format::{fixed, percent, significant, symbol};
+use super::format::{fixed, percent, raw, significant, symbol};
 use crate::results::comparison::relative_difference;
 use crate::results::{PatientView, Step};
 use cardiotwin_schemas::label::Label;
@@ -37,7 +37,7 @@ fn difference(share: Option<f64>) -> Markup {
         Some(d) if d > 0.10 => "num diff off",
         _ => "num diff",
     };
-    html! { td class=(class) { (percent(share)) } }
+    html! { td class=(class) data-value=(raw(share.map(|share| 100.0 * share))) { (percent(share)) } }
 }
 
 /// Table of the measured biomarkers beside the simulated ones of each step.
@@ -70,9 +70,9 @@ pub fn biomarkers(patient: &PatientRecord) -> Markup {
                 @for (b, measured, simulated) in rows {
                     tr {
                         th scope="row" { (symbol(b.key())) } (unit(b.key()))
-                        td.num { (digits(b, measured)) }
+                        td.num data-value=(raw(measured)) { (digits(b, measured)) }
                         @for value in simulated {
-                            td.num { (digits(b, value)) }
+                            td.num data-value=(raw(value)) { (digits(b, value)) }
                             (difference(value.zip(measured).and_then(|(s, m)| relative_difference(s, m))))
                         }
                     }

@@ -11,7 +11,7 @@ use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use maud::{Markup, PreEscaped, html};
 
 use super::page::write;
-use super::{cohort, discovery, figures, page, patient};
+use super::{cohort, discovery, figures, page, patient, summary};
 use crate::results::{Signals, WriteError};
 
 /// Largest number of patients in a report of one file.
@@ -80,9 +80,10 @@ fn one_file(
         sections.push(patient::section(p, &signals));
     }
     let content = html! {
-        (overview(run, &link, &tiles, 0))
+        (overview(run, &link))
+        (at_a_glance(&tiles, 0))
         @for section in &sections { (section) }
-        @if let Some(cases) = discovered { (discovery::part(cases)) }
+        @if let Some(cases) = discovered { div.beyond { (discovery::part(cases)) } }
     };
     let nav = page::nav(run, "#top", &run.patients, &link);
     write(
@@ -148,7 +149,8 @@ fn index(
     }
     let left_out = run.patients.len() - tiles.len();
     let content = html! {
-        (overview(run, &from_index, &tiles, left_out))
+        (overview(run, &from_index))
+        (at_a_glance(&tiles, left_out))
         @if let Some(cases) = discovered { h2 id="missing" { "Missing effects of the model" } (discovery::cohort(cases)) }
     };
     let unfinished: Vec<PatientRecord> = shown
@@ -209,21 +211,26 @@ fn has_stamp(file: &Path, stamp: &str) -> bool {
     read.is_ok() && found == stamp.as_bytes()
 }
 
-fn overview(
-    run: &RunRecord,
-    link: cohort::Link,
-    tiles: &[(String, String, Markup)],
-    left_out: usize,
-) -> Markup {
+/// The summary: model, errors, notes, patients.
+fn overview(run: &RunRecord, link: cohort::Link) -> Markup {
     html! {
         div id="top" {}
         (cohort::header(run))
         @if run.patients.is_empty() { p.absent { "This run has no patients." } }
         @else {
             (cohort::against_the_paper(run))
+            (summary::notes(run, link))
             h2 id="patients" { "Patients" }
             (cohort::table(run, link))
-            @if !tiles.is_empty() { (cohort::small_multiples(tiles, left_out)) }
+        }
+    }
+}
+
+/// Plots of all patients side by side, which a printed summary leaves out.
+fn at_a_glance(tiles: &[(String, String, Markup)], left_out: usize) -> Markup {
+    html! {
+        @if !tiles.is_empty() {
+            div.beyond { (cohort::small_multiples(tiles, left_out)) }
         }
     }
 }

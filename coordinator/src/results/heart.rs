@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use cardiotwin_schemas::formats::{FormatError, HEART};
-use cardiotwin_schemas::heart::HeartSurface;
+use cardiotwin_schemas::heart::{HeartBeat, HeartPart, HeartSurface};
 use cardiotwin_schemas::record::PatientRecord;
 
 use super::comparison::PatientView;
@@ -79,20 +79,34 @@ fn wrong(heart: &HeartSurface) -> Option<String> {
     if !heart.states.iter().all(even) {
         return Some(format!("a state that does not have {n} corners"));
     }
-    let corners = heart
-        .parts
-        .iter()
-        .flat_map(|part| part.triangles.as_flattened());
-    corners
-        .max()
-        .filter(|last| **last as usize >= n)
-        .map(|last| format!("corner {last} of {n}"))
+    let beyond = |parts: &[HeartPart], n: usize| {
+        let corners = parts.iter().flat_map(|part| part.triangles.as_flattened());
+        corners
+            .max()
+            .filter(|last| **last as usize >= n)
+            .map(|last| format!("corner {last} of {n}"))
+    };
+    let of_beat = |beat: &HeartBeat| {
+        let Some(frames) = beat.frames_mm() else {
+            return Some("frames whose points cannot be read".to_owned());
+        };
+        let (n_frames, n_corners) = (frames.len(), frames[0].len());
+        let counts = [&beat.volume_ml, &beat.pressure_mmhg].map(Vec::len);
+        let values = [&beat.sa_kpa, &beat.lambda].map(|all| all.values().map(|all| all.len()));
+        if counts != [n_frames; 2] || values != [Some(n_frames * n_corners); 2] || n_corners < n {
+            return Some(format!(
+                "{n_frames} frames of {n_corners} corners without a value for each"
+            ));
+        }
+        beyond(&beat.front, n_corners)
+    };
+    beyond(&heart.parts, n).or_else(|| heart.beat.as_ref().and_then(of_beat))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cardiotwin_schemas::heart::{HeartPart, HeartState};
+    use cardiotwin_schemas::heart::{HeartState, PackedValues, packed_points};
 
     #[test]
     fn numbers_that_point_nowhere_are_refused() {
@@ -117,6 +131,7 @@ mod tests {
             triangles_before: 1,
             parts: vec![part],
             states: vec![state.clone(), state],
+            beat: None,
         };
         assert_eq!(wrong(&good), None);
         let mut bad = good.clone();
@@ -125,6 +140,29 @@ mod tests {
         bad = good.clone();
         bad.states[1].lambda.pop();
         assert!(wrong(&bad).unwrap().contains("does not have 3"));
+        let (origin_mm, step_mm, points) = packed_points(&[vec![[0.0; 3]; 3], vec![[1.0; 3]; 3]]);
+        let values = PackedValues::of(&[Some(1.0); 6]);
+        bad = good.clone();
+        bad.beat = Some(HeartBeat {
+            time_ms: vec![0.0, 400.0],
+            volume_ml: vec![1.0; 2],
+            pressure_mmhg: vec![1.0; 2],
+            origin_mm,
+            step_mm,
+            points,
+            sa_kpa: values.clone(),
+            lambda: values,
+            front: vec![],
+        });
+        assert_eq!(wrong(&bad), None);
+        let beat = bad.beat.as_mut().unwrap();
+        beat.front.clone_from(&good.parts);
+        beat.front[0].triangles[0][0] = 4;
+        assert_eq!(wrong(&bad).unwrap(), "corner 4 of 3");
+        bad.beat.as_mut().unwrap().lambda = PackedValues::of(&[None; 5]);
+        assert!(wrong(&bad).unwrap().contains("2 frames of 3 corners"));
+        bad.beat.as_mut().unwrap().points.push('*');
+        assert!(wrong(&bad).unwrap().contains("cannot be read"));
         bad = good.clone();
         bad.schema_version += 1;
         let later = serde_json::to_vec(&bad).unwrap();

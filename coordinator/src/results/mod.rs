@@ -9,6 +9,7 @@ pub mod comparison;
 pub mod discovery;
 pub mod folder;
 pub mod heart;
+pub mod model;
 pub mod signals;
 pub mod spread;
 mod write_error;

@@ -37,6 +37,9 @@ pub struct BeatCheckpoint {
     /// Motion in the beat so far ([`super::motion::Motion::numbers`]); empty if motion is not
     /// measured.
     pub motion: Vec<f64>,
+    /// Frames of the beat so far ([`super::frames::Frames::numbers`]); empty if there are none, as in
+    /// checkpoints of earlier programs.
+    pub frames: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -92,6 +95,7 @@ impl BeatCheckpoint {
             .with("u_begin_mm", self.shapes.begin.u.as_slice())
             .with("u_smallest_mm", self.shapes.smallest.u.as_slice())
             .with("motion", self.motion.as_slice())
+            .with("frames", self.frames.as_slice())
             .to_bytes()
     }
 
@@ -128,6 +132,7 @@ impl BeatCheckpoint {
             },
             shapes,
             motion: arrays.take("motion")?,
+            frames: arrays.take("frames").unwrap_or_default(),
         })
     }
 

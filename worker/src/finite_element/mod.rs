@@ -4,6 +4,7 @@
 pub mod arrays;
 pub mod checkpoint;
 pub mod error;
+pub mod frames;
 pub mod heart;
 pub mod motion;
 pub mod passive;

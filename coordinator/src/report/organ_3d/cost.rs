@@ -6,7 +6,7 @@ use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::record::{PatientRecord, TaskRecord};
 use maud::{Markup, html};
 
-use crate::report::format::{duration, fixed, significant};
+use crate::report::format::{duration, fixed, raw, significant};
 use crate::report::tables::scrolling;
 
 type Counters = BTreeMap<String, f64>;
@@ -107,8 +107,8 @@ pub fn simulations(patient: &PatientRecord) -> Option<Markup> {
     Some(scrolling(&html! {
         table {
             caption { "Simulations" }
-            thead { tr {
-                @for head in ["", "steps", "cut", "Newton a step", "Krylov a Newton", "set-up", "beat", "in all"] { th scope="col" { (head) } }
+            thead.long { tr {
+                @for head in ["simulation", "time steps", "cut steps", "Newton iterations a step", "Krylov iterations a Newton iteration", "set-up", "beat", "wall time"] { th scope="col" { (head) } }
             } }
             tbody {
                 @for (name, counters, wall_s) in &rows {
@@ -118,9 +118,9 @@ pub fn simulations(patient: &PatientRecord) -> Option<Markup> {
                         td.num { (fixed(counters.get("cut_steps").copied(), 0)) }
                         td.num { (fixed(ratio(counters, "newton_iterations", "time_steps"), 2)) }
                         td.num { (ratio(counters, "krylov_iterations", "newton_iterations_tried").map_or_else(|| "\u{2013}".to_owned(), |r| significant(r, 3))) }
-                        td.num { (seconds(counters, "seconds_setup")) }
-                        td.num { (seconds(counters, "seconds_beat")) }
-                        td.num { (duration(*wall_s)) }
+                        td.num data-value=(raw(counters.get("seconds_setup").copied())) { (seconds(counters, "seconds_setup")) }
+                        td.num data-value=(raw(counters.get("seconds_beat").copied())) { (seconds(counters, "seconds_beat")) }
+                        td.num data-value=(wall_s) { (duration(*wall_s)) }
                     }
                 }
             }

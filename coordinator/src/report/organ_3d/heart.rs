@@ -457,6 +457,7 @@ mod tests {
                 state("end-diastole", 0.0, vec![Some(1.0); 8]),
                 state("end-systole", 37.0, lambda),
             ],
+            beat: None,
         }
     }
 

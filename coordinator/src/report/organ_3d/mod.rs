@@ -8,10 +8,11 @@ mod heart;
 mod palette;
 mod spread;
 
+use cardiotwin_schemas::heart::HeartSurface;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::settings::Fidelity;
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use super::figures::figure;
 use crate::results::{HeartError, HeartFile, Signals, SpreadFile};
@@ -31,10 +32,13 @@ pub struct Drawn {
 }
 
 impl Drawn {
-    /// Reads the files named in the record.
+    /// Reads the files named in the record; none for organs without a mesh.
     #[must_use]
-    pub fn read(patient: &PatientRecord) -> Self {
+    pub fn of(patient: &PatientRecord) -> Self {
         let mut drawn = Self::default();
+        if !is_3d(patient) {
+            return drawn;
+        }
         match HeartFile::read(patient) {
             Ok(heart) => drawn.heart = heart,
             Err(HeartError::Format(error)) => drawn.problems.push(error.in_full()),
@@ -55,13 +59,32 @@ fn is_3d(patient: &PatientRecord) -> bool {
     }
 }
 
+/// Frames of the beat as a block of data, for the script that draws the heart; empty without frames.
+#[must_use]
+pub fn moving(drawn: &Drawn) -> Markup {
+    let Some(file) = drawn
+        .heart
+        .as_ref()
+        .filter(|file| file.heart.beat.is_some())
+    else {
+        return Markup::default();
+    };
+    let heart = HeartSurface {
+        states: Vec::new(),
+        ..file.heart.clone()
+    };
+    // In a script element only `<` could end the data early.
+    let json = serde_json::to_string(&heart).unwrap_or_default();
+    let json = json.replace('<', "\\u003c");
+    html! { script.heart-data type="application/json" data-name=(file.name) { (PreEscaped(json)) } }
+}
+
 /// The part for a patient with a finite-element ventricle; empty for other organs.
 #[must_use]
-pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
+pub fn part(patient: &PatientRecord, signals: &Signals, drawn: &Drawn) -> Markup {
     if !is_3d(patient) {
         return Markup::default();
     }
-    let drawn = Drawn::read(patient);
     html! {
         h3 { "3D ventricle" }
         @for problem in &drawn.problems { p.absent { (problem) } }

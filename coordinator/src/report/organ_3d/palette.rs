@@ -134,4 +134,19 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn the_script_has_the_colours_of_the_pictures() {
+        let script = include_str!("../heart.js");
+        for stops in [STRESS, STRETCH] {
+            let line: Vec<String> = stops
+                .iter()
+                .map(|[r, g, b]| format!("[{r}, {g}, {b}]"))
+                .collect();
+            assert!(script.contains(&line.join(", ")), "{line:?}");
+        }
+        let [r, g, b] = PASSIVE;
+        assert!(script.contains(&format!("PASSIVE = [{r}, {g}, {b}]")));
+        assert!(script.contains(&format!("BANDS = {BANDS}")));
+    }
 }

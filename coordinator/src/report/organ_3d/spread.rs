@@ -3,6 +3,7 @@
 use cardiotwin_schemas::record::PatientRecord;
 
 use crate::report::plot::{Axis, Chart, Mark, Scale, Series, SvgText, stacked};
+use crate::results::model::Model;
 use crate::results::spread::Spread;
 use crate::results::{SignalKind, SpreadFile};
 
@@ -89,7 +90,10 @@ pub fn spread_svg(patient: &PatientRecord, file: &SpreadFile) -> Option<String> 
         chart.series.retain(|series| series.class == "step1");
     }
     let n = patient.targets.as_ref()?.result.n_nodes;
-    let lines = ["line: median; dark band: half of the wall; light band: nine tenths".to_owned()];
+    let lines = [
+        Model::of(patient).words(),
+        "line: median; dark band: half of the wall; light band: nine tenths".to_owned(),
+    ];
     (!charts.is_empty()).then(|| {
         stacked(
             &format!("{id}: traces of {n} nodes since activation"),

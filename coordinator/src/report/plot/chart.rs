@@ -196,6 +196,8 @@ pub struct Chart {
     pub marks: Vec<Mark>,
     /// The way in which values are read off on hover.
     pub reading: Reading,
+    /// Quantity of a beat, by which the time slider finds the chart.
+    pub role: Option<&'static str>,
 }
 
 impl Chart {
@@ -211,6 +213,7 @@ impl Chart {
             series: Vec::new(),
             marks: Vec::new(),
             reading: Reading::AtX,
+            role: None,
         }
     }
 
@@ -249,6 +252,7 @@ impl Chart {
         html! {
             svg.plot viewBox={ "0 0 " (self.size.0) " " (self.size.1) } role="img" aria-label=(self.alt)
                 y=[top] width=[top.map(|_| self.size.0)] height=[top.map(|_| self.size.1)]
+                data-role=[self.role]
                 data-area={ (x0) "," (x1) "," (y0) "," (y1) }
                 data-read=[reading]
                 data-x=[reading.map(|_| ends(&self.x))] data-y=[reading.map(|_| ends(&self.y))] {

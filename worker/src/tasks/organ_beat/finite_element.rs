@@ -33,12 +33,14 @@ use crate::context::Context;
 use crate::error::TaskError;
 use crate::files;
 use crate::finite_element::checkpoint::{BeatCheckpoint, Due, FILE};
+use crate::finite_element::frames::Frames;
+use crate::finite_element::heart::{self, Wall};
 use crate::finite_element::motion::{Followed, Motion};
 use crate::finite_element::rows::NodalRows;
 use crate::finite_element::series::{self, Series};
 use crate::finite_element::shapes::Shapes;
 use crate::finite_element::stored::About;
-use crate::finite_element::{FiniteElementError, StoredVentricle, heart, wall};
+use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
 use crate::nodal;
 use crate::team::{Session, Team};
 
@@ -52,6 +54,8 @@ pub(super) struct Organ {
     pub(super) n_nodes: usize,
     /// Parts whose motion is measured; `None` if the mesh has no landmarks.
     pub(super) followed: Option<Followed>,
+    /// Wall that is drawn; `None` if the mesh has no cavity to look into.
+    pub(super) drawn: Option<Wall>,
 }
 
 /// Simulates a beat of the ventricle from step 0.
@@ -78,6 +82,7 @@ pub(super) fn run(
         mut circulation,
         n_nodes,
         followed,
+        drawn,
     } = assemble(spec, organ, context)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
@@ -95,6 +100,8 @@ pub(super) fn run(
     let mut shapes = Shapes::of(&ventricle, n_nodes);
     let mut motion =
         followed.map(|followed| Motion::begin(followed, &shapes, ventricle.unloaded_mm()));
+    let mut frames =
+        drawn.map(|wall| Frames::begin(wall, length, &shapes, ventricle.unloaded_mm()));
     let own = context.checkpoints.own_file(FILE);
     let directory = context.artefacts.directory().to_owned();
     let rows_folder = own
@@ -140,6 +147,7 @@ pub(super) fn run(
                 work,
                 shapes: seen,
                 motion: moved,
+                frames: drawn,
             },
             file,
         )) => {
@@ -152,6 +160,9 @@ pub(super) fn run(
             shapes = seen.resumed(&ventricle, n_nodes);
             if let Some(motion) = &mut motion {
                 motion.resume(&shapes, ventricle.unloaded_mm(), &moved);
+            }
+            if let Some(frames) = &mut frames {
+                frames.resume(&shapes, &drawn);
             }
             if let (Some(series), Some(attempt)) = (&mut series, file.ancestors().nth(2)) {
                 series.resume(
@@ -176,6 +187,10 @@ pub(super) fn run(
         if let Some(motion) = &mut motion {
             motion.observe(&shapes, seen.ventricle.unloaded_mm());
         }
+        if let Some(frames) = &mut frames {
+            let time_ms = time - seen.progress.beat_start_ms;
+            frames.observe(&shapes, time_ms, seen.ventricle.unloaded_mm());
+        }
         if let Err(source) =
             rows.observe((beat, seen.progress.traces.time_ms.len()), seen.ventricle)
         {
@@ -198,6 +213,7 @@ pub(super) fn run(
                 work: sum(before, seen.ventricle.work()),
                 shapes: shapes.clone(),
                 motion: motion.as_ref().map(Motion::numbers).unwrap_or_default(),
+                frames: frames.as_ref().map(Frames::numbers).unwrap_or_default(),
             };
             if let Err(source) = rows
                 .sync()
@@ -256,24 +272,20 @@ pub(super) fn run(
             ventricle.activation_times_ms().to_vec(),
             ventricle.node_weights().to_vec(),
         ];
-        let unloaded = ventricle.unloaded_mm();
-        let mesh = StoredVentricle::read(&organ.ventricle)?.mesh;
-        let drawn = heart::Organ {
-            mesh: &mesh,
-            unloaded,
-            nodes: ventricle.nodes(),
-        };
-        let mut fields = |sample| rows.stress_and_stretch(sample).map_err(not_kept);
-        let fields = [
-            fields(shapes.begin.sample)?,
-            fields(shapes.smallest.sample)?,
-        ];
-        if let Some(surface) = heart::surface(&drawn, &shapes, &result.traces, &fields) {
-            context.artefacts.write_bytes(
-                "heart",
-                "heart.json",
-                heart::text(&surface).as_bytes(),
-            )?;
+        if let Some((wall, frames)) = frames.as_ref().map(Frames::all) {
+            let beat = heart::Beat {
+                unloaded: ventricle.unloaded_mm(),
+                nodes: ventricle.nodes(),
+                traces: &result.traces,
+            };
+            let fields = |sample| rows.stress_and_stretch(sample).map_err(not_kept);
+            if let Some(surface) = wall.surface(&beat, &shapes, frames, fields)? {
+                context.artefacts.write_bytes(
+                    "heart",
+                    "heart.json",
+                    heart::text(&surface).as_bytes(),
+                )?;
+            }
         }
         let (time_ms, n_nodes) = (&result.traces.time_ms, of_nodes[0].len());
         context
@@ -422,12 +434,14 @@ pub(super) fn assemble(
     })?;
     let ((session, ventricle), circulation) = (made.0.map_err(TaskError::Organ)?, made.1);
     let (n_nodes, followed) = (stored.mesh.n_nodes(), Followed::of(&stored.mesh));
+    let drawn = Wall::of(&stored.mesh);
     Ok(Organ {
         session,
         ventricle,
         circulation,
         n_nodes,
         followed,
+        drawn,
     })
 }
 
