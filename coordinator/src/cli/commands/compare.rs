@@ -45,8 +45,9 @@ struct Row {
     relative_difference: Option<f64>,
 }
 
+/// Comparison of two runs.
 #[derive(Serialize)]
-struct Comparison {
+pub(in crate::cli) struct Comparison {
     schema_version: u32,
     before: PathBuf,
     after: PathBuf,
@@ -119,7 +120,8 @@ pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> 
     Ok(Exit::Ok)
 }
 
-fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
+/// Compares two runs, patient by patient.
+pub(in crate::cli) fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
     let missing_in = |from: &RunRecord, other: &RunRecord| -> Vec<String> {
         let there =
             |patient: &PatientRecord| other.patients.iter().any(|o| o.plan.id == patient.plan.id);
