@@ -5,6 +5,10 @@ import { ask, element } from "./words.js";
 
 /** Time between two looks at a log, ms. */
 const LOG_PERIOD = 1000;
+/** A report of progress in a log, which begins with its time. */
+const REPORT = /^\d{4}-\d\d-\d\dT[\d:.]+Z  /;
+/** Colours of a terminal in a log. */
+const COLOURS = /\u001b\[[\d;]*m/g;
 /** Shortest time between two questions for the results, ms. */
 const SHORTEST = 500;
 
@@ -21,12 +25,14 @@ export class PatientView {
     const close = element("a", { class: "close", href: "#/", title: "back to the cohort (Esc)", "aria-label": "back to the cohort", textContent: "✕" });
     tabs.append(element("span", { class: "space" }), close);
     this.trouble = element("p", { class: "absent", hidden: true });
+    this.now = element("p", { class: "now", role: "status", hidden: true });
     this.beatBar = element("div", { class: "beat", hidden: true });
     this.body = element("div", { class: "results" });
     this.logs = element("div", { class: "logs", hidden: tab !== "logs" });
-    page.replaceChildren(tabs, this.trouble, this.beatBar, this.body, this.logs);
+    page.replaceChildren(tabs, this.trouble, this.now, this.beatBar, this.body, this.logs);
     page.scrollTop = 0;
     if (tab === "logs") this.makeLogs();
+    else this.clock = setInterval(() => { if (!document.hidden) this.readProgress(); }, LOG_PERIOD);
     this.load();
     table.select(name);
   }
@@ -121,13 +127,25 @@ export class PatientView {
     }));
   }
 
+  /** Shows the last line of the running task's log above the results. */
+  async readProgress() {
+    let line = "";
+    if (run.patients.get(this.name)?.state === "running") {
+      const found = await ask(`/api/patient/${encodeURIComponent(this.name)}/log`).catch(() => null);
+      line = found?.text.split("\n").findLast((one) => REPORT.test(one)) ?? "";
+    }
+    if (this.gone) return;
+    this.now.hidden = !line;
+    if (this.now.textContent !== line) this.now.textContent = line;
+  }
+
   async readLog() {
     const of = this.attempt;
     const query = of ? `?attempt=${encodeURIComponent(of)}` : "";
     let text;
     try {
       const found = await ask(`/api/patient/${encodeURIComponent(this.name)}/log${query}`);
-      text = found.text || (found.attempt ? "this attempt wrote nothing" : "no attempt of any task yet");
+      text = found.text.replace(COLOURS, "") || (found.attempt ? "this attempt wrote nothing" : "no attempt of any task yet");
     } catch (error) {
       text = error.message;
     }
