@@ -12,7 +12,7 @@ use serde::Serialize;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{Notify, broadcast, watch};
 
-use crate::source::{CohortState, PatientRow, Source};
+use crate::source::{CohortState, PatientRow, Source, SourceError};
 
 /// Time between two questions to the source.
 const POLL: Duration = Duration::from_millis(250);
@@ -181,7 +181,7 @@ impl Hub {
             }
             self.tell(Ok(source.state().await?));
             *last = Some(mark);
-            Ok::<_, crate::SourceError>(())
+            Ok::<_, SourceError>(())
         };
         match found.await {
             Ok(()) => POLL,

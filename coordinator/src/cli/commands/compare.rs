@@ -47,7 +47,7 @@ struct Row {
 
 /// Comparison of two runs.
 #[derive(Serialize)]
-pub(in crate::cli) struct Comparison {
+pub(super) struct Comparison {
     schema_version: u32,
     before: PathBuf,
     after: PathBuf,
@@ -121,7 +121,7 @@ pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> 
 }
 
 /// Compares two runs, patient by patient.
-pub(in crate::cli) fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
+pub(super) fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
     let missing_in = |from: &RunRecord, other: &RunRecord| -> Vec<String> {
         let there =
             |patient: &PatientRecord| other.patients.iter().any(|o| o.plan.id == patient.plan.id);

@@ -153,10 +153,7 @@ fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
 ///
 /// # Errors
 /// [`CliError::File`] if a log exists but cannot be read.
-pub(in crate::cli) fn end_of_logs(
-    attempt: &AttemptRecord,
-    n_bytes: u64,
-) -> Result<String, CliError> {
+pub(super) fn end_of_logs(attempt: &AttemptRecord, n_bytes: u64) -> Result<String, CliError> {
     let mut all = String::new();
     for name in FILES {
         let path = attempt.directory.join(name);
