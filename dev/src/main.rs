@@ -84,6 +84,8 @@ enum Bench {
     },
     /// The coordinator alone: patients of three no-op tasks each, through database, outbox and executor
     Orchestration(orchestration::OrchestrationArgs),
+    /// The dashboard of a large cohort: first paint, delay of updates, share of a core when idle
+    Dashboard(orchestration::dashboard::DashboardArgs),
     /// Ticks over many living jobs of a modelled Slurm; status and restart of many samples
     Slurm(orchestration::SlurmArgs),
     /// Many tasks that sleep, on the Slurm of this machine: makespan and utilisation
@@ -98,6 +100,7 @@ fn main() -> ExitCode {
     return_large_blocks();
     let done = match Cli::parse().command {
         Command::Bench(Bench::Orchestration(args)) => orchestration::measure(&args),
+        Command::Bench(Bench::Dashboard(args)) => orchestration::dashboard::measure(&args),
         Command::Bench(Bench::Slurm(args)) => orchestration::measure_slurm(&args),
         Command::Bench(Bench::Sleepers(args)) => orchestration::sleepers::measure(&args),
         Command::Bench(bench) => measure(bench),
@@ -177,7 +180,7 @@ fn measure(bench: Bench) -> anyhow::Result<()> {
                 kernels::shortcuts(&beat.bench(nodes)?, threads as usize, &stop()?, report)?;
             output.print_as(&found, ToString::to_string)
         }
-        Bench::Orchestration(_) | Bench::Slurm(_) | Bench::Sleepers(_) => {
+        Bench::Orchestration(_) | Bench::Dashboard(_) | Bench::Slurm(_) | Bench::Sleepers(_) => {
             unreachable!("measured without kernels")
         }
     }

@@ -135,6 +135,7 @@ pub const CRATES: &[Rule] = &[
             "slurm",
             "workflow",
             "input-files",
+            "dashboard",
         ],
         why: "keeps books and reaches the world, never simulates: it builds where MPI is absent and stays small; meshes are checked and mended, not computed with; of models it reads the catalogue of effects",
     },
@@ -149,6 +150,11 @@ pub const CRATES: &[Rule] = &[
         why: "Slurm is data and pure decisions: whoever runs its commands hands in their answers",
     },
     Rule {
+        who: "dashboard",
+        may: &["schemas"],
+        why: "a web server without database and files: the run comes through a trait, so that nothing but its answers can be served",
+    },
+    Rule {
         who: "dev",
         may: &[
             "schemas",
@@ -161,13 +167,19 @@ pub const CRATES: &[Rule] = &[
             "calibrate",
             "worker",
             "coordinator",
+            "chromium",
         ],
         why: "measurements and mechanics cases reach everything, and nothing that is installed reaches them",
     },
     Rule {
         who: "tests",
-        may: &["schemas", "workflow", "coordinator"],
+        may: &["schemas", "workflow", "coordinator", "chromium"],
         why: "the system is tested from outside, through its binaries and files",
+    },
+    Rule {
+        who: "chromium",
+        may: &[],
+        why: "one way to drive a browser, for tests and measurements",
     },
     Rule {
         who: FOR_TESTS,
@@ -277,6 +289,7 @@ pub const ROOMS: &[Rule] = &[
             "units",
             "calibrate",
             "clock",
+            "dashboard",
         ],
         why: "words and tables for people; no SQL among the commands",
     },
@@ -355,6 +368,11 @@ pub const REFUSALS: &[Refusal] = &[
             "std::time",
         ],
         why: "what a caller hands in is all that it knows: no I/O, no clock",
+    },
+    Refusal {
+        folder: "coordinator/dashboard/src",
+        paths: &["sqlx", "std::fs", "std::env", "std::process"],
+        why: "the server serves what its source answers, and nothing else of this machine",
     },
     Refusal {
         folder: "coordinator/src/dispatch",

@@ -57,6 +57,9 @@ pub enum CliError {
     /// mmg3d cannot be run or failed.
     #[error(transparent)]
     Mmg(MmgError),
+    /// The dashboard cannot be served.
+    #[error(transparent)]
+    Dashboard(#[from] cardiotwin_dashboard::ServerError),
     /// Arguments contradict each other or name something that does not exist.
     #[error("{0}")]
     Usage(String),
@@ -132,6 +135,7 @@ impl CliError {
             Self::Engine(_)
             | Self::Mmg(_)
             | Self::Overlay(_)
+            | Self::Dashboard(_)
             | Self::Report(_)
             | Self::Export(_)
             | Self::File { .. }

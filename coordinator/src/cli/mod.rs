@@ -32,9 +32,9 @@ pub use error::CliError;
 pub use exit::Exit;
 
 use commands::{
-    advance, backup, cancel, check, compare, completions, config, discover, doctor, drive, explain,
-    export, fit, housekeeping, init, logs, man, mesh, plan, predict, prepare, report, rerun, retry,
-    run, schemas, show, simulate, status, sweep,
+    advance, backup, cancel, check, compare, completions, config, dashboard, discover, doctor,
+    drive, explain, export, fit, housekeeping, init, logs, man, mesh, plan, predict, prepare,
+    report, rerun, retry, run, schemas, show, simulate, status, sweep,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -79,6 +79,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     Predict(predict::PredictArgs),
     Status(status::StatusArgs),
+    Dashboard(dashboard::DashboardArgs),
     Show(show::ShowArgs),
     Explain(explain::ExplainArgs),
     Logs(logs::LogsArgs),
@@ -157,6 +158,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Simulate(args) => simulate::execute(args, talk).await,
         Command::Predict(args) => predict::execute(args, talk).await,
         Command::Status(args) => status::execute(args, talk).await,
+        Command::Dashboard(args) => dashboard::execute(args, talk).await,
         Command::Show(args) => show::execute(args, talk).await,
         Command::Explain(args) => explain::execute(args, talk).await,
         Command::Logs(args) => logs::execute(args, talk).await,

@@ -61,7 +61,7 @@ mod worker_identity;
 pub use crate::store::file_system::shared as shared_file_system;
 pub use crate::store::lock::{LockError, LockHolder};
 pub use crate::store::{
-    AttemptRecord, Chosen, EventRecord, JobRecord, LeafChange, MemberRecord, Reader,
+    AttemptRecord, Chosen, EventRecord, JobRecord, LeafChange, MemberRecord, Pace, Reader,
     StepExplanation, StoreError, leaf_changes,
 };
 pub use crate::store::{back_up, try_locks};

@@ -11,7 +11,8 @@ use super::patient::standing;
 use crate::results::{WriteError, atomic};
 
 const CSS: &str = include_str!("report.css");
-const JS: &str = include_str!("report.js");
+/// Script of all pages.
+pub const JS: &str = include_str!("report.js");
 /// Scripts that add to it: sorting and downloads, time slider. They stand alone, so that one that
 /// fails leaves the others.
 const TABLES_JS: &str = include_str!("tables.js");
@@ -22,9 +23,16 @@ const HEART_JS: &str = include_str!("heart.js");
 const THEME_JS: &str = "(function(){var h=location.hash.slice(1),t=h==='dark'||h==='light'?h:null;\
 try{t=t||localStorage.getItem('cardiotwin-theme')}catch(e){}if(t)document.documentElement.dataset.theme=t})()";
 
-/// The style sheet. Its dark colours are in two rules: one for the system's preference and one for
-/// the reader's choice.
+/// The style sheet of a page.
 fn style(content: &Markup) -> String {
+    // The colours of the heart are only needed by pages with a picture of it.
+    sheet(content.0.contains("class=\"heart\""))
+}
+
+/// The style sheet, with the colours of the heart or without. Its dark colours are in two rules: one
+/// for the system's preference and one for the reader's choice.
+#[must_use]
+pub fn sheet(with_heart: bool) -> String {
     let mark = ("/* dark colours */", "/* end */");
     let dark = CSS
         .split(mark.0)
@@ -34,8 +42,7 @@ fn style(content: &Markup) -> String {
     let by_system = format!(
         "@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme=\"light\"]) {{{dark}}} }}"
     );
-    // The colours of the heart are only needed by pages with a picture of it.
-    let hearts = if content.0.contains("class=\"heart\"") {
+    let hearts = if with_heart {
         organ_3d::css()
     } else {
         String::new()

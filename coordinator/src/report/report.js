@@ -63,7 +63,7 @@
     return b ? a[1] + (b[1] - a[1]) * (b[0] === a[0] ? 0 : (x - a[0]) / (b[0] - a[0])) : a[1];
   };
   globalThis.cardiotwinReading = { pointsOf, axis, show, element, atX };
-  for (const svg of document.querySelectorAll("svg.plot[data-read]")) {
+  const read = (within) => { for (const svg of within.querySelectorAll("svg.plot[data-read]")) {
     const [x0, x1, y0, y1] = svg.dataset.area.split(",").map(Number);
     const xs = axis(svg.dataset.x, x0, x1), ys = axis(svg.dataset.y, y1, y0);
     const lines = [...svg.querySelectorAll("path.line")].reverse();
@@ -102,5 +102,8 @@
       readout.style.left = `${Math.min(event.clientX + 16, innerWidth - room.width - 8)}px`;
       readout.style.top = `${Math.max(8, Math.min(event.clientY - room.height - 12, innerHeight - room.height - 8))}px`;
     });
-  }
+  } };
+  read(document);
+  // For pages that get plots later.
+  globalThis.cardiotwinRead = read;
 })();

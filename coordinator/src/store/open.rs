@@ -184,6 +184,8 @@ async fn check(connection: &mut SqliteConnection, file: &Path) -> Result<(), Sto
 pub struct ReadOnly {
     /// Connection to the database, its snapshot or its private copy.
     pub connection: SqliteConnection,
+    /// Whether later commits are seen through this connection. A snapshot or a copy stands still.
+    pub live: bool,
     /// Folder of the private copy, kept as long as the connection.
     pub _copy: Option<tempfile::TempDir>,
 }
@@ -204,6 +206,7 @@ pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
         return match recognise(&mut connection, &snapshot).await? {
             FORMAT => Ok(ReadOnly {
                 connection,
+                live: false,
                 _copy: None,
             }),
             found => Err(StoreError::Older {
@@ -213,8 +216,8 @@ pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
             }),
         };
     }
-    let (mut connection, copy) = match connect_to_read(&file, false).await {
-        Ok(connection) => (connection, None),
+    let (mut connection, live, copy) = match connect_to_read(&file, false).await {
+        Ok(connection) => (connection, true, None),
         Err(error @ (StoreError::NotOurs { .. } | StoreError::Corrupted { .. })) => {
             return Err(error);
         }
@@ -224,16 +227,18 @@ pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
                 let copy = private_copy(&file, &log)?;
                 (
                     connect_to_read(&copy.path().join(DATABASE_FILE), false).await?,
+                    false,
                     Some(copy),
                 )
             } else {
-                (connect_to_read(&file, true).await?, None)
+                (connect_to_read(&file, true).await?, false, None)
             }
         }
     };
     match recognise(&mut connection, &file).await? {
         FORMAT => Ok(ReadOnly {
             connection,
+            live,
             _copy: copy,
         }),
         found => Err(StoreError::Older {

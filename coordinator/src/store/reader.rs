@@ -21,7 +21,8 @@ use super::before::{self, Was};
 use super::chosen::{CHOSEN, Chosen};
 use super::cluster_jobs::{self, Allotment, ClusterReport, JobRecord, REPORT};
 use super::notable::Notable;
-use super::open::{DATABASE_FILE, ReadOnly, VERSION};
+use super::open::{DATABASE_FILE, ReadOnly, SNAPSHOT_FILE, VERSION};
+use super::pace::{self, Pace};
 use super::patients::{PatientRow, REFUSED};
 use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
@@ -81,7 +82,14 @@ impl Reader {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn screen(&self, rows: usize) -> Result<Status, StoreError> {
-        let now_ms = clock::now_ms();
+        self.screen_at(rows, clock::now_ms()).await
+    }
+
+    /// [`Reader::screen`] with durations up to `now_ms`, milliseconds since 1970.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn screen_at(&self, rows: usize, now_ms: i64) -> Result<Status, StoreError> {
         let read = screen::read(&mut self.database.lock().await.connection, rows, now_ms).await;
         let screen::Screen { counts, patients } = read.map_err(|source| {
             StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
@@ -90,12 +98,54 @@ impl Reader {
             schema_version: formats::STATUS.version,
             cohort: self.meta("cohort").await?,
             as_of: clock::utc_text(now_ms),
-            coordinator_running: lock::is_held(&self.run_dir)
-                || lease::holder(&self.run_dir).is_some(),
+            coordinator_running: self.is_driven(),
             counts,
             patients,
             refused: self.refused().await?,
             cluster: self.cluster(now_ms).await?,
+        })
+    }
+
+    /// Whether a coordinator holds the run now.
+    #[must_use]
+    pub fn is_driven(&self) -> bool {
+        lock::is_held(&self.run_dir) || lease::holder(&self.run_dir).is_some()
+    }
+
+    /// SQLite's mark of the database: it changes with each commit of another process, and costs no
+    /// look at a table. `None` if this reader has a snapshot or a copy, which stands still.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn data_version(&self) -> Result<Option<i64>, StoreError> {
+        let mut database = self.database.lock().await;
+        if !database.live {
+            return Ok(None);
+        }
+        let version = sqlx::query_scalar("PRAGMA data_version")
+            .fetch_one(&mut database.connection)
+            .await;
+        version.map(Some).map_err(|source| {
+            StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
+        })
+    }
+
+    /// Files in the run directory that hold the database: itself, its log, and its snapshot.
+    #[must_use]
+    pub fn files(run_dir: &Path) -> [PathBuf; 3] {
+        let log = format!("{DATABASE_FILE}-wal");
+        [DATABASE_FILE, log.as_str(), SNAPSHOT_FILE].map(|name| run_dir.join(name))
+    }
+
+    /// Time that the patients took so far; attempts at work count up to `now_ms`, milliseconds
+    /// since 1970.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn pace(&self, now_ms: i64) -> Result<Pace, StoreError> {
+        let read = pace::read(&mut self.database.lock().await.connection, now_ms).await;
+        read.map_err(|source| {
+            StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
         })
     }
 

@@ -429,3 +429,46 @@ async fn a_migration_that_fails_leaves_the_database_and_its_copy_as_they_were() 
         );
     }
 }
+
+#[tokio::test]
+async fn the_mark_of_the_database_changes_with_commits_alone() {
+    let dir = run_dir().await;
+    let mut writer = Writer::open(dir.path()).await.unwrap();
+    let reader = Reader::open(dir.path()).await.unwrap();
+    let first = reader.data_version().await.unwrap();
+    assert!(first.is_some(), "a connection to the file itself is live");
+    reader.status().await.unwrap();
+    assert_eq!(reader.data_version().await.unwrap(), first);
+    add(&mut writer, 3, 10).await.unwrap();
+    assert_ne!(reader.data_version().await.unwrap(), first);
+}
+
+#[tokio::test]
+async fn the_pace_counts_every_attempt_once_and_those_at_work_up_to_now() {
+    let dir = run_dir().await;
+    execute(
+        dir.path(),
+        "UPDATE patients SET word = 'done' WHERE id = 1;
+         INSERT INTO allocations (id, kind, external_id, host, opened_ms) VALUES (1, 'local', '1', 'here', 0);
+         INSERT INTO tasks (key, kind, version, word, state, spec) VALUES
+             ('a', 'noop', 1, 'published', '{}', '{}'), ('b', 'noop', 1, 'attempting', '{}', '{}');
+         -- A task that left a step and came back has two rows.
+         INSERT INTO steps (patient_id, stage, number, task, at_ms) VALUES
+             (1, 'step0', 1, 'a', 0), (1, 'step0', 1, 'a', 5), (2, 'step0', 1, 'b', 0);
+         INSERT INTO attempts (task, generation, allocation, directory, version, word, over, state, planned_ms, ended_ms) VALUES
+             ('a', 1, 1, 'd', 1, 'done', 1, '{}', 0, 700), ('a', 2, 1, 'e', 1, 'done', 1, '{}', 1000, 1300),
+             ('b', 1, 1, 'f', 1, 'running', 0, '{}', 2000, NULL);",
+    )
+    .await
+    .unwrap();
+    let pace = Reader::open(dir.path())
+        .await
+        .unwrap()
+        .pace(2500)
+        .await
+        .unwrap();
+    assert_eq!(
+        (pace.done_ms, pace.open_ms, pace.n_at_work),
+        (vec![1000], vec![500], 1)
+    );
+}

@@ -80,7 +80,9 @@ impl Writer {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn look(run_dir: &Path) -> Result<Loaded, StoreError> {
-        let open::ReadOnly { connection, _copy } = match open::readable(run_dir).await {
+        let open::ReadOnly {
+            connection, _copy, ..
+        } = match open::readable(run_dir).await {
             Err(StoreError::Missing { .. }) => return Ok(Loaded::default()),
             opened => opened?,
         };

@@ -1,5 +1,6 @@
 //! Cost of the coordinator: alone, and over the jobs of a modelled Slurm.
 
+pub mod dashboard;
 mod local;
 pub mod sleepers;
 

@@ -86,8 +86,11 @@ impl Row {
     }
 }
 
+=======
+/// Comparison of two runs.
+>>>>>>> w-dash
 #[derive(Serialize)]
-struct Comparison {
+pub(super) struct Comparison {
     schema_version: u32,
     before: PathBuf,
     after: PathBuf,
@@ -153,6 +156,7 @@ pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> 
     Ok(Exit::Ok)
 }
 
+<<<<<<< HEAD
 /// Sentence about the settings, with a line for each that differs.
 fn of_settings(comparison: &Comparison) -> String {
     if comparison.settings.is_empty() {
@@ -208,7 +212,8 @@ fn settings(pairs: &[(&PatientRecord, &PatientRecord)]) -> Vec<SettingRow> {
     rows.into_values().collect()
 }
 
-fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
+/// Compares two runs, patient by patient.
+pub(super) fn compare(before: &RunRecord, after: &RunRecord) -> Comparison {
     let missing_in = |from: &RunRecord, other: &RunRecord| -> Vec<String> {
         let there =
             |patient: &PatientRecord| other.patients.iter().any(|o| o.plan.id == patient.plan.id);

@@ -149,6 +149,34 @@ fn new_text(path: &Path, seen: &mut u64) -> Result<String, CliError> {
     Ok(String::from_utf8_lossy(&bytes[..whole]).into_owned())
 }
 
+/// The end of an attempt's logs: at most `n_bytes` of each file, as whole lines.
+///
+/// # Errors
+/// [`CliError::File`] if a log exists but cannot be read.
+pub(super) fn end_of_logs(attempt: &AttemptRecord, n_bytes: u64) -> Result<String, CliError> {
+    let mut all = String::new();
+    for name in FILES {
+        let path = attempt.directory.join(name);
+        let length = path.metadata().map_or(0, |file| file.len());
+        let mut from = length.saturating_sub(n_bytes);
+        let mut text = new_text(&path, &mut from)?;
+        if length > n_bytes {
+            // The first line is torn.
+            let at = text.find('\n').map_or(0, |at| at + 1);
+            text = format!("…\n{}", &text[at..]);
+        }
+        if !text.is_empty() {
+            all += &heading(attempt, &path);
+            all += &if name == "progress.jsonl" {
+                readable(&text)
+            } else {
+                text
+            };
+        }
+    }
+    Ok(all)
+}
+
 /// Progress reports as readable lines. A line that is not a progress report is kept unchanged.
 fn readable(text: &str) -> String {
     let line = |line: &str| match PROGRESS.read::<Progress>(&"progress", line.as_bytes()) {
@@ -182,6 +210,28 @@ mod tests {
         std::fs::write(&path, "one\ntwo\n").unwrap();
         assert_eq!(new_text(&path, &mut seen).unwrap(), "two\n");
         assert_eq!(new_text(&path, &mut seen).unwrap(), "");
+    }
+
+    #[test]
+    fn the_end_of_a_long_log_begins_with_a_whole_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let attempt = AttemptRecord {
+            step: "step-2".into(),
+            task: cardiotwin_schemas::ids::TaskKey("ab".into()),
+            generation: 1,
+            state: serde_json::from_str(r#"{"state":"planned"}"#).unwrap(),
+            directory: folder.path().to_owned(),
+            external_id: None,
+            claim: None,
+            planned: "T".into(),
+            ended: None,
+        };
+        assert_eq!(end_of_logs(&attempt, 10).unwrap(), "");
+        std::fs::write(folder.path().join("stderr.log"), "first\nsecond\nthird\n").unwrap();
+        let short = end_of_logs(&attempt, 10).unwrap();
+        assert!(short.ends_with("<==\n…\nthird\n"), "{short}");
+        let whole = end_of_logs(&attempt, 1000).unwrap();
+        assert!(whole.ends_with("<==\nfirst\nsecond\nthird\n"), "{whole}");
     }
 
     #[test]

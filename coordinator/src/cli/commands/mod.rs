@@ -7,6 +7,7 @@ pub mod check;
 pub mod compare;
 pub mod completions;
 pub mod config;
+pub mod dashboard;
 pub mod discover;
 pub mod doctor;
 pub mod drive;
