@@ -23,6 +23,20 @@ pub struct InitArgs {
 const COHORT: &str = include_str!("../templates/cohort.toml");
 const PATIENT: &str = include_str!("../templates/patient.toml");
 
+/// Whether a patient's folder holds nothing but the template that this command writes, unedited.
+#[must_use]
+pub fn is_untouched(patient: &Path) -> bool {
+    let Ok(entries) = std::fs::read_dir(patient) else {
+        return false;
+    };
+    let only_the_template = entries
+        .map_while(Result::ok)
+        .all(|entry| entry.file_name() == "patient.toml");
+    // Some editors and version control write other line ends.
+    let text = std::fs::read_to_string(patient.join("patient.toml")).unwrap_or_default();
+    only_the_template && text.replace("\r\n", "\n") == PATIENT
+}
+
 /// Makes the folder and prints the next steps.
 ///
 /// # Errors
