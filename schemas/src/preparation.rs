@@ -41,6 +41,10 @@ pub struct RawInput {
     pub sha256: String,
     /// Number of samples or frames.
     pub n_rows: usize,
+    /// Decisions of the reader: format, encoding, separators, and which column became which
+    /// quantity. Empty for a file in the program's own form.
+    #[serde(default)]
+    pub read_as: Vec<String>,
 }
 
 /// Beats of a recording.

@@ -8,8 +8,9 @@ use crate::patient::Preload;
 
 pub use cardiotwin_vocabulary::circulation::CuffPressures;
 pub use cardiotwin_vocabulary::preparation::{
-    AfterloadStep, AverageStep, BeatSource, BeatsStep, CycleStep, DriftStep, NoiseOf, NoiseStep,
-    RawImage, RawSteps, RejectStep, SynchroniseStep, VolumeAdjustment, VolumeStep, ZeroAt,
+    AfterloadStep, AverageStep, BeatSource, BeatsStep, CycleStep, DriftStep, FileFormat, NoiseOf,
+    NoiseStep, RawImage, RawSteps, RejectStep, SynchroniseStep, VolumeAdjustment, VolumeStep,
+    ZeroAt,
 };
 
 /// A folder of recordings. All tables and keys are optional: files have default names, and steps
@@ -46,9 +47,19 @@ pub struct RawFile {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawCatheter {
-    /// Name of the file; by default `catheter.csv` if it exists.
+    /// Name of the file; by default `catheter` with the ending of a
+    /// known format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
+    /// Format of the file; by default seen from its content.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<FileFormat>,
+    /// Sheet of a workbook; by default the first one with the columns.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sheet: Option<String>,
+    /// Block of a LabChart export, from 1; by default all blocks.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub block: Option<usize>,
     /// Names of the columns, if they differ from the keys.
     pub columns: CatheterColumns,
 }
@@ -99,9 +110,16 @@ pub struct CatheterColumns {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawCine {
-    /// Name of the file, which has one line per frame; by default `cine.csv` if it exists.
+    /// Name of the file, which has one line per frame; by default `cine` with the
+    /// ending of a known format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
+    /// Format of the file; by default seen from its content.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<FileFormat>,
+    /// Sheet of a workbook; by default the first one with the columns.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sheet: Option<String>,
     /// Cycle length of the cine series; by default the last frame's time plus the step between
     /// frames.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -129,9 +147,15 @@ pub struct VolumeColumns {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RawFlow {
-    /// Name of the file; by default `flow.csv` if it exists.
+    /// Name of the file; by default `flow` with the ending of a known format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
+    /// Format of the file; by default seen from its content.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<FileFormat>,
+    /// Sheet of a workbook; by default the first one with the columns.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sheet: Option<String>,
     /// Standard deviation of the stroke volume that the flow gives.
     #[serde(rename = "sd_mL", skip_serializing_if = "Option::is_none")]
     pub sd_ml: Option<f64>,

@@ -47,9 +47,14 @@ pub const CRATES: &[Rule] = &[
         why: "a trace knows no model, so measured and simulated ones are treated alike",
     },
     Rule {
+        who: "lab-files",
+        may: &["vocabulary", "units", "signals"],
+        why: "formats of other programs have one place; bytes in, columns and words out",
+    },
+    Rule {
         who: "recordings",
-        may: &["vocabulary", "units", "signals", "validation"],
-        why: "beats are made of recordings without any model of a heart; validation only in tests and examples",
+        may: &["vocabulary", "units", "signals", "lab-files", "validation"],
+        why: "beats are made of recordings without any model of a heart; lab-files and validation only in tests, benchmarks and examples",
     },
     Rule {
         who: "linalg",
@@ -128,6 +133,7 @@ pub const CRATES: &[Rule] = &[
             "protocol",
             "units",
             "signals",
+            "lab-files",
             "recordings",
             "mesh",
             "models",
@@ -211,6 +217,7 @@ pub const ROOMS: &[Rule] = &[
         may: &[
             "schemas",
             "signals",
+            "lab-files",
             "recordings",
             "mesh",
             "models",

@@ -21,6 +21,7 @@ mod notices;
 mod old_run;
 mod output;
 mod prepare;
+mod prepare_formats;
 mod refused;
 mod requests;
 mod robustness;

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_input_files::{self as input_files, MaxBytes};
+use cardiotwin_lab_files::{Request, Table, Wanted, read};
 use cardiotwin_recordings::cine::{Cine, CineError};
 use cardiotwin_recordings::recording::{Channels, Recording, RecordingError};
-use cardiotwin_recordings::table::{Table, Wanted, parse};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::preparation::RawInput;
-use cardiotwin_schemas::raw::{BeatSource, RawFile};
+use cardiotwin_schemas::raw::{BeatSource, FileFormat, RawFile};
 use cardiotwin_signals::Problem;
 
 use super::cohort::read_as;
@@ -18,6 +18,10 @@ use super::report::Report;
 
 /// Name of the folder's settings file.
 pub const PREPARE_TOML: &str = "prepare.toml";
+/// Endings of files with known formats.
+const ENDINGS: [&str; 11] = [
+    "csv", "txt", "tsv", "xlsx", "xlsm", "xlsb", "xls", "ods", "edf", "bdf", "hea",
+];
 /// Factor from kPa to mmHg.
 const MMHG_PER_KPA: f64 = cardiotwin_units::MMHG_PER_KPA;
 /// Factor from L/min to mL/s.
@@ -270,26 +274,22 @@ impl Reader<'_> {
         }
     }
 
-    /// Path and content of the named file, or of the file with the usual name. Problems are
-    /// reported at `key`.
+    /// Path and content of the named file, or of a file with the usual name and the ending of a
+    /// known format. Problems are reported at `key`.
     fn bytes(
         &mut self,
         key: &str,
         named: Option<&String>,
         usual: &str,
     ) -> Option<(PathBuf, Vec<u8>)> {
-        let name = named.map_or(usual, String::as_str);
-        let path = self.folder.join(name);
-        if named.is_none() && !path.exists() {
-            return None;
-        }
+        let name = match named {
+            Some(name) => name.clone(),
+            None => self.usual_name(key, usual)?,
+        };
+        let path = self.folder.join(&name);
         match input_files::read(&path, MaxBytes::TRACE) {
             Ok(bytes) => {
-                self.inputs.push(RawInput {
-                    file: name.to_owned(),
-                    sha256: sha256_hex(&bytes),
-                    n_rows: 0,
-                });
+                self.inputs.push(input(&name, &bytes));
                 Some((path, bytes))
             }
             Err(error) => {
@@ -300,7 +300,7 @@ impl Reader<'_> {
                 self.error(
                     key,
                     found,
-                    "a CSV file in the folder of the recordings",
+                    "a file of a known format in the folder of the recordings",
                     "put the file there or correct its name",
                 );
                 None
@@ -308,8 +308,52 @@ impl Reader<'_> {
         }
     }
 
-    fn table(&mut self, path: &Path, bytes: &[u8], wanted: &[Wanted]) -> Option<Table> {
-        let reading = parse(bytes, path, wanted);
+    fn usual_name(&mut self, key: &str, usual: &str) -> Option<String> {
+        let names: Vec<String> = ENDINGS
+            .iter()
+            .map(|ending| format!("{usual}.{ending}"))
+            .filter(|name| self.folder.join(name).exists())
+            .collect();
+        if names.len() > 1 {
+            self.error(
+                key,
+                format!("the files {}", names.join(" and ")),
+                "one file",
+                format!(
+                    "name the right one in prepare.toml: {key} = \"{}\"",
+                    names[0]
+                ),
+            );
+            return None;
+        }
+        names.into_iter().next()
+    }
+
+    fn table(
+        &mut self,
+        path: &Path,
+        bytes: &[u8],
+        wanted: &[Wanted],
+        form: Form<'_>,
+    ) -> Option<Table> {
+        let request = Request {
+            file: path,
+            wanted,
+            format: form.format,
+            sheet: form.sheet,
+            block: form.block,
+        };
+        let mut more = Vec::new();
+        let folder = path.parent().unwrap_or(self.folder);
+        let within = path.strip_prefix(self.folder).ok().and_then(Path::parent);
+        let mut beside = |name: &str| {
+            let bytes = input_files::read(&folder.join(name), MaxBytes::TRACE)
+                .map_err(|error| error.to_string())?;
+            let name = within.map_or_else(|| name.into(), |within| within.join(name));
+            more.push(input(&name.to_string_lossy(), &bytes));
+            Ok(bytes)
+        };
+        let reading = read(bytes, &request, &mut beside);
         reading
             .problems
             .into_iter()
@@ -317,16 +361,17 @@ impl Reader<'_> {
         let table = reading.table?;
         if let Some(input) = self.inputs.last_mut() {
             input.n_rows = table.columns.values().next().map_or(0, Vec::len);
+            input.read_as.clone_from(&table.said);
         }
+        self.inputs.extend(more);
         Some(table)
     }
 
     fn catheter(&mut self, file: &RawFile) -> Option<Recording> {
         let key = "catheter.file";
         let columns = &file.catheter.columns;
-        let Some((path, bytes)) = self.bytes(key, file.catheter.file.as_ref(), "catheter.csv")
-        else {
-            if file.catheter.file.is_none() {
+        let Some((path, bytes)) = self.bytes(key, file.catheter.file.as_ref(), "catheter") else {
+            if file.catheter.file.is_none() && self.report.n_errors() == 0 {
                 let found = format!("no catheter.csv in {}", self.folder.display());
                 let remedy = "put the recording there, or name it in [catheter] of prepare.toml; docs/prepare.md has an example";
                 self.error(key, found, "a continuous recording with a pressure", remedy);
@@ -372,7 +417,12 @@ impl Reader<'_> {
                 ],
             ),
         ];
-        let mut table = self.table(&path, &bytes, &wanted)?;
+        let form = Form {
+            format: file.catheter.format,
+            sheet: file.catheter.sheet.as_deref(),
+            block: file.catheter.block,
+        };
+        let mut table = self.table(&path, &bytes, &wanted, form)?;
         let mut take = |quantity: &str| table.columns.remove(quantity);
         let time_ms = take("time")?;
         let channels = Channels {
@@ -408,13 +458,18 @@ impl Reader<'_> {
 
     fn cine(&mut self, file: &RawFile) -> Option<Cine> {
         let columns = &file.cine.columns;
-        let (path, bytes) = self.bytes("cine.file", file.cine.file.as_ref(), "cine.csv")?;
+        let (path, bytes) = self.bytes("cine.file", file.cine.file.as_ref(), "cine")?;
         let mut volume = channel("volume", &[("volume_mL", &columns.volume_ml, 1.0)]);
         (volume.required, volume.may_lack) = (true, false);
         let mut table = self.table(
             &path,
             &bytes,
             &[time(&columns.time_ms, &columns.time_s), volume],
+            Form {
+                format: file.cine.format,
+                sheet: file.cine.sheet.as_deref(),
+                block: None,
+            },
         )?;
         let (time_ms, volume_ml) = (
             table.columns.remove("time")?,
@@ -448,7 +503,7 @@ impl Reader<'_> {
 
     fn flow(&mut self, file: &RawFile) -> Option<(Vec<f64>, Vec<f64>)> {
         let columns = &file.flow.columns;
-        let (path, bytes) = self.bytes("flow.file", file.flow.file.as_ref(), "flow.csv")?;
+        let (path, bytes) = self.bytes("flow.file", file.flow.file.as_ref(), "flow")?;
         let mut flow = channel(
             "flow",
             &[
@@ -465,8 +520,30 @@ impl Reader<'_> {
             &path,
             &bytes,
             &[time(&columns.time_ms, &columns.time_s), flow],
+            Form {
+                format: file.flow.format,
+                sheet: file.flow.sheet.as_deref(),
+                block: None,
+            },
         )?;
         Some((table.columns.remove("time")?, table.columns.remove("flow")?))
+    }
+}
+
+/// Form of a file as far as prepare.toml states it.
+#[derive(Debug, Clone, Copy)]
+struct Form<'a> {
+    format: Option<FileFormat>,
+    sheet: Option<&'a str>,
+    block: Option<usize>,
+}
+
+fn input(name: &str, bytes: &[u8]) -> RawInput {
+    RawInput {
+        file: name.to_owned(),
+        sha256: sha256_hex(bytes),
+        n_rows: 0,
+        read_as: Vec::new(),
     }
 }
 
@@ -491,6 +568,7 @@ fn channel(quantity: &'static str, names: &[(&str, &Option<String>, f64)]) -> Wa
     Wanted {
         quantity,
         names: if required { given } else { own },
+        given: required,
         required,
         may_lack: true,
     }

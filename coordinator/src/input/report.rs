@@ -85,19 +85,25 @@ impl Report {
         &self.findings
     }
 
-    /// Number of findings that keep the cohort from running.
+    /// Number of places that keep the cohort from running. A finding that stands for many lines
+    /// counts as many times.
     #[must_use]
     pub fn n_errors(&self) -> usize {
-        self.findings
-            .iter()
-            .filter(|f| f.problem.is_error())
-            .count()
+        self.count(true)
     }
 
-    /// Number of findings that do not keep the cohort from running.
+    /// Number of places with problems that do not keep the cohort from running.
     #[must_use]
     pub fn n_warnings(&self) -> usize {
-        self.findings.len() - self.n_errors()
+        self.count(false)
+    }
+
+    fn count(&self, errors: bool) -> usize {
+        self.findings
+            .iter()
+            .filter(|f| f.problem.is_error() == errors)
+            .map(|f| f.problem.n)
+            .sum()
     }
 
     /// Whether the cohort as a whole has an error, apart from those of its patients.

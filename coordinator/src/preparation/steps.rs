@@ -458,7 +458,7 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
         .count();
     if left_out as f64 > MANY_LEFT_OUT * n as f64 {
         said.push(format!(
-            "{left_out} of {n} beats are excluded: check beats.svg, and [steps.reject] of \
+            "{left_out} of {n} beats are excluded: check prepare.html, and [steps.reject] of \
              prepare.toml"
         ));
     }

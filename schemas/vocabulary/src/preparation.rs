@@ -281,3 +281,45 @@ impl Default for AfterloadStep {
         Self { enabled: true }
     }
 }
+
+/// Format of a laboratory's file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum FileFormat {
+    /// Text export of LabChart (ADInstruments).
+    Labchart,
+    /// Text table with any separator, decimal sign and encoding.
+    Csv,
+    /// Text table as Excel saves it: separator and decimal sign of the country.
+    ExcelCsv,
+    /// Workbook of Excel or OpenDocument.
+    Excel,
+    /// Text table of Millar's software, with pressure and volume of the catheter.
+    Millar,
+    /// Report of cvi42 as text.
+    Cvi42,
+    /// Volume curve of Segment.
+    Segment,
+    /// Header of a PhysioNet record in WFDB format.
+    Wfdb,
+    /// European Data Format, or BDF.
+    Edf,
+}
+
+impl FileFormat {
+    /// Name in settings.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Labchart => "labchart",
+            Self::Csv => "csv",
+            Self::ExcelCsv => "excel-csv",
+            Self::Excel => "excel",
+            Self::Millar => "millar",
+            Self::Cvi42 => "cvi42",
+            Self::Segment => "segment",
+            Self::Wfdb => "wfdb",
+            Self::Edf => "edf",
+        }
+    }
+}

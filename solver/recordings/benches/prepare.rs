@@ -9,8 +9,9 @@ use std::fmt::Write as _;
 use std::hint::black_box;
 use std::path::Path;
 
+use cardiotwin_lab_files::Wanted;
+use cardiotwin_lab_files::delimited::parse;
 use cardiotwin_recordings::prepare;
-use cardiotwin_recordings::table::{Wanted, parse};
 use cardiotwin_vocabulary::preparation::RawSteps;
 use criterion::{Criterion, criterion_group, criterion_main};
 use made::{Wish, make};
@@ -49,6 +50,7 @@ fn half_an_hour(c: &mut Criterion) {
     .map(|name| Wanted {
         quantity: name,
         names: vec![(name.to_owned(), 1.0)],
+        given: false,
         required: true,
         may_lack: name != "time_ms",
     })

@@ -9,6 +9,9 @@ pub(crate) const HALF_WIDTH_MS: f64 = 40.0;
 /// Largest shift in the search \[ms\].
 const REACH_MS: f64 = 40.0;
 
+/// Share of the interval that must have samples. At the recording's begin and end, a part of a rise
+/// still shows where it is.
+const WHOLE: f64 = 0.5;
 /// Largest number of beats from which the typical course around a landmark is computed.
 const MOST_BEATS: usize = 301;
 
@@ -102,16 +105,23 @@ impl Mean<'_> {
             })
             .collect();
         // The level is free, because only the position of the rise matters, not its height.
+        let fewest = (WHOLE * width as f64) as usize;
         let misfit: Vec<f64> = beat
             .windows(width)
             .map(|here| {
-                let (mut sum, mut squares) = (0.0, 0.0);
+                let (mut sum, mut squares, mut n) = (0.0, 0.0, 0_usize);
                 for (a, b) in here.iter().zip(&template) {
                     let d = a - b;
-                    sum += d;
-                    squares += d * d;
+                    if d.is_finite() {
+                        sum += d;
+                        squares += d * d;
+                        n += 1;
+                    }
                 }
-                squares - sum * sum / width as f64
+                if n < fewest {
+                    return f64::NAN;
+                }
+                (squares - sum * sum / n as f64) / n as f64
             })
             .collect();
         let best = (0..misfit.len())

@@ -24,7 +24,6 @@ mod r_waves;
 pub mod recording;
 pub mod reject;
 pub mod synchronise;
-pub mod table;
 mod upstrokes;
 pub mod volume;
 

@@ -9,7 +9,7 @@ use crate::cine::Cine;
 use crate::cycle::{Reconciled, reconcile};
 use crate::drift;
 use crate::ejection::{self, Ejection};
-use crate::events::{ValveEvents, of_ventricle};
+use crate::events::{ValveEvents, of_ventricle, with_aorta};
 use crate::noise::{self, Noise};
 use crate::recording::Recording;
 use crate::reject::{Reason, judge};
@@ -144,10 +144,14 @@ pub fn prepare(raw: &Raw, steps: &RawSteps) -> Result<Prepared, PrepareError> {
         average.step_ms,
         average.n_averaged,
     );
-    let valves = average
-        .lv_pressure
-        .as_ref()
-        .and_then(|lv| of_ventricle(&lv.mean, average.step_ms));
+    let step_ms = average.step_ms;
+    let valves = average.lv_pressure.as_ref().and_then(|lv| {
+        let events = of_ventricle(&lv.mean, step_ms)?;
+        Some(match &average.aortic_pressure {
+            Some(aorta) => with_aorta(events, &lv.mean, &aorta.mean, step_ms),
+            None => events,
+        })
+    });
     let volume = raw
         .cine
         .as_ref()
@@ -186,7 +190,12 @@ fn volume(
 ) -> PreparedVolume {
     let adjusted = adjust(cine, image, steps.volume);
     let cycle = average.cycle_length_ms;
-    let ejection = valves.and_then(|valves| ejection::find(&adjusted.cine, &valves, cycle));
+    let ejection = valves
+        .zip(average.lv_pressure.as_ref())
+        .and_then(|(valves, lv)| {
+            let fall = ejection::usual_fall(&lv.mean, average.step_ms, &valves);
+            ejection::find(&adjusted.cine, &valves, cycle, fall)
+        });
     let of_valves = valves.map(|v| (v.aortic_opening_ms, v.aortic_closure_ms));
     let both = ejection
         .zip(of_valves)

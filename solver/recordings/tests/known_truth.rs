@@ -181,49 +181,70 @@ fn the_mean_is_the_beat_that_was_made() {
 }
 
 /// Error of the middle of ejection after all steps, and its stated standard error \[ms\].
-fn lag_error(wish: &Wish) -> (f64, f64) {
-    let (_, truth, prepared) = run(wish);
+fn lag_error(wish: &Wish, aorta: bool) -> (f64, f64) {
+    let (mut raw, truth) = make(wish);
+    if !aorta {
+        raw.recording.channels.aortic_pressure_mmhg = None;
+    }
+    let prepared = prepare(&raw, &RawSteps::default()).unwrap();
     let volume = prepared.volume.as_ref().unwrap();
     let middle = 0.5 * (truth.ejection_ms.0 + truth.ejection_ms.1);
     let (systole, _, lag) = truth.cine;
     let found = volume.reconciled.map(systole * middle + lag) - volume.lag.taken_ms();
     // A line delays the pressure, and the volume is synchronised with it.
-    println!(
-        "factor {:.3} of {:.3}",
-        volume.reconciled.systole_factor,
-        1.0 / systole
-    );
     (
         found - middle - truth.delay_ms,
         volume.ejection.unwrap().middle_error_ms,
     )
 }
 
-/// The noise of the frames limits the accuracy; errors are as large as stated.
+/// The noise of the frames limits the accuracy; errors are as large as stated. The constants of the
+/// method come from seeds 1000 to 1119, and nothing was chosen by these hearts.
 #[test]
 fn pressure_and_volume_are_in_step() {
-    for (noise, n, within, worst) in [(1.0, 30, 0.9, 14.0), (2.0, 30, 0.75, 25.0)] {
-        let (errors, stated): (Vec<f64>, Vec<f64>) = (0..n)
+    in_step(9000..9030, [0.95, 0.9, 0.8]);
+}
+
+/// The figures of docs/measurements/prepare.md.
+#[test]
+#[ignore = "takes minutes"]
+fn pressure_and_volume_are_in_step_in_many_hearts() {
+    in_step(9000..9120, [0.97, 0.95, 0.85]);
+}
+
+/// - `within`: shares of the hearts that must lie within 10 ms
+fn in_step(seeds: std::ops::Range<u64>, within: [f64; 3]) {
+    for ((noise, aorta, worst), within) in
+        [(1.0, true, 15.0), (2.0, true, 20.0), (2.0, false, 30.0)]
+            .into_iter()
+            .zip(within)
+    {
+        let (errors, stated): (Vec<f64>, Vec<f64>) = seeds
+            .clone()
             .map(|seed| {
                 let line = [None, Some((22.0, 0.4))][seed as usize % 2];
-                lag_error(&Wish {
+                let wish = Wish {
                     line,
                     n_beats: 30,
                     frame_noise_ml: noise,
                     ..Wish::usual(seed)
-                })
+                };
+                lag_error(&wish, aorta)
             })
             .unzip();
         let near = errors.iter().filter(|e| e.abs() <= 10.0).count() as f64 / errors.len() as f64;
         let far = errors.iter().fold(0.0, |w: f64, e| w.max(e.abs()));
         let rms = |v: &[f64]| (v.iter().map(|e| e * e).sum::<f64>() / v.len() as f64).sqrt();
+        let with = if aorta { "with" } else { "without" };
         println!(
-            "frames of {noise} mL: {:.0} % within 10 ms, the worst {far:.1} ms, rms {:.1} ms, stated {:.1} ms",
+            "frames of {noise} mL, {with} the aorta's pressure: {:.1} % of {} hearts within 10 ms, \
+             the worst {far:.1} ms, rms {:.1} ms, mean {:.1} ms, stated {:.1} ms",
             100.0 * near,
+            errors.len(),
             rms(&errors),
+            errors.iter().sum::<f64>() / errors.len() as f64,
             rms(&stated)
         );
-        println!("{errors:.1?}");
         assert!(near >= within && far <= worst, "{noise} mL: {errors:.1?}");
         assert!(
             (0.5..2.0).contains(&(rms(&errors) / rms(&stated))),

@@ -44,6 +44,14 @@ pub struct Problem {
     pub expected: String,
     /// Advice on the change to make.
     pub remedy: String,
+    /// Number of places that it stands for: 1, or the number of further lines like those that were
+    /// reported.
+    #[serde(skip, default = "one")]
+    pub n: usize,
+}
+
+fn one() -> usize {
+    1
 }
 
 impl Problem {
@@ -64,6 +72,7 @@ impl Problem {
             found: found.into(),
             expected: expected.into(),
             remedy: remedy.into(),
+            n: 1,
         }
     }
 

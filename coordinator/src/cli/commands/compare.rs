@@ -86,9 +86,7 @@ impl Row {
     }
 }
 
-=======
 /// Comparison of two runs.
->>>>>>> w-dash
 #[derive(Serialize)]
 pub(super) struct Comparison {
     schema_version: u32,
@@ -156,7 +154,6 @@ pub async fn execute(args: &CompareArgs, talk: &Talk) -> Result<Exit, CliError> 
     Ok(Exit::Ok)
 }
 
-<<<<<<< HEAD
 /// Sentence about the settings, with a line for each that differs.
 fn of_settings(comparison: &Comparison) -> String {
     if comparison.settings.is_empty() {

@@ -47,6 +47,20 @@ const EXAMPLE: [Folder; 2] = [
 /// The patient to fill in.
 const TEMPLATE: [Folder; 1] = [("P001", &[("patient.toml", PATIENT)])];
 
+/// Whether a patient's folder holds nothing but the template that this command writes, unedited.
+#[must_use]
+pub fn is_untouched(patient: &Path) -> bool {
+    let Ok(entries) = std::fs::read_dir(patient) else {
+        return false;
+    };
+    let only_the_template = entries
+        .map_while(Result::ok)
+        .all(|entry| entry.file_name() == "patient.toml");
+    // Some editors and version control write other line ends.
+    let text = std::fs::read_to_string(patient.join("patient.toml")).unwrap_or_default();
+    only_the_template && text.replace("\r\n", "\n") == PATIENT
+}
+
 /// Makes the folder and prints the next steps.
 ///
 /// # Errors

@@ -306,21 +306,28 @@ impl Chart {
     }
 
     fn line(&self, series: &Series) -> Markup {
-        let placed: Vec<_> = series
+        // A missing value is a gap in the line.
+        let parts = series
             .points
-            .iter()
-            .filter_map(|(x, y)| self.place(*x, *y))
+            .split(|(x, y)| !(x.is_finite() && y.is_finite()));
+        let line: String = parts
+            .map(|part| {
+                let placed: Vec<(f64, f64)> = part
+                    .iter()
+                    .filter_map(|(x, y)| self.place(*x, *y))
+                    .collect();
+                if series.dots {
+                    path_data(&placed)
+                } else {
+                    path_data(&simplify(&placed, SIMPLIFY))
+                }
+            })
             .collect();
-        let line = if series.dots {
-            placed.clone()
-        } else {
-            simplify(&placed, SIMPLIFY)
-        };
         html! {
-            path class={ "line " (series.class) } d=(path_data(&line)) data-name=(series.name) { title { (series.name) } }
+            path class={ "line " (series.class) } d=(line) data-name=(series.name) { title { (series.name) } }
             @if series.dots {
-                @for ((px, py), (x, y)) in std::iter::zip(&placed, &series.points) {
-                    circle class={ "dot " (series.class) } cx=(n(*px)) cy=(n(*py)) r="3.2" {
+                @for ((px, py), (x, y)) in series.points.iter().filter_map(|(x, y)| Some((self.place(*x, *y)?, (x, y)))) {
+                    circle class={ "dot " (series.class) } cx=(n(px)) cy=(n(py)) r="3.2" {
                         title { (series.name) ", " (self.x.title.plain()) " " (x) ": " (short(*y)) " " (self.y.unit) }
                     }
                 }

@@ -10,12 +10,14 @@ use cardiotwin_schemas::preparation::Preparation;
 
 use crate::input::RawFolder;
 use crate::preparation::Made;
-use crate::report::preparation::{BeatLines, Line, VolumeLines};
+use crate::report::preparation::{BeatLines, Line, RecordingLines, VolumeLines};
 
 /// Most points in the line of one beat. Half an hour of recording has thousands of beats.
 const POINTS: f64 = 160.0;
 /// Approximate number of points in the lines of all beats together.
 const ALL_POINTS: f64 = 80_000.0;
+/// Most points in the line of the whole recording.
+const STRIP_POINTS: f64 = 30_000.0;
 
 /// Descriptions of the wanted steps, one line each.
 fn steps(answer: &Preparation, wanted: &[&str]) -> Vec<String> {
@@ -42,7 +44,6 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
         (0..=n)
             .map(|k| k as f64 * step)
             .map(|t| (t, place(t)))
-            .filter(|p| p.1.is_finite())
             .collect()
     };
     let average = &prepared.average;
@@ -116,6 +117,63 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
         ];
     }
     found
+}
+
+/// The whole recording, cut into beats, with its gaps.
+pub fn recording(folder: &RawFolder, made: &Made) -> RecordingLines {
+    let prepared: &Prepared = &made.prepared;
+    let recording = &folder.recording;
+    let pressure = recording.leading_pressure();
+    let n = pressure.len();
+    let every = (n as f64 / STRIP_POINTS).ceil().max(1.0) as usize;
+    let seconds = |i: usize| 1e-3 * (recording.begin_ms + i as f64 * recording.step_ms);
+    let line = |from: usize, to: usize| -> Line {
+        let to = to.min(n.saturating_sub(1));
+        (from..=to)
+            .step_by(every)
+            .map(|i| {
+                // A missing sample between two drawn ones is a gap too.
+                let lost = pressure[i..(i + every).min(n)]
+                    .iter()
+                    .any(|p| !p.is_finite());
+                (seconds(i), if lost { f64::NAN } else { pressure[i] })
+            })
+            .collect()
+    };
+    let mut lines = RecordingLines::default();
+    let mut last = 0;
+    for (idx, (beat, reasons)) in prepared
+        .found
+        .beats
+        .iter()
+        .zip(&prepared.reasons)
+        .enumerate()
+    {
+        let from = (beat.onset_ms / recording.step_ms).max(0.0) as usize;
+        let to = ((beat.onset_ms + beat.length_ms) / recording.step_ms) as usize;
+        if from > last + 1 {
+            lines.outside.push(line(last, from));
+        }
+        last = to;
+        match reasons.first() {
+            None => lines.kept.push(line(from, to)),
+            Some(reason) => lines
+                .left_out
+                .push((format!("beat {}: {reason}", idx + 1), line(from, to))),
+        }
+    }
+    if last + 1 < n {
+        lines.outside.push(line(last, n - 1));
+    }
+    let mut i = 0;
+    while i < n {
+        let lost = pressure[i..].iter().take_while(|p| !p.is_finite()).count();
+        if lost > 0 {
+            lines.gaps_s.push((seconds(i), seconds(i + lost)));
+        }
+        i += lost.max(1);
+    }
+    lines
 }
 
 /// Volume frames and pressure-volume loops; `None` without a cine series.

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::init::is_untouched;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::problems;
@@ -14,13 +15,16 @@ use crate::cli::table::Columns;
 use crate::cli::talk::{Talk, Tone, count};
 use crate::input::{PREPARE_TOML, RawFolder, Report, load_alone, read_raw};
 use crate::preparation::{self, Made, PREPARED};
-use crate::report::preparation::{beats_svg, volume_svg};
+use crate::report::preparation::{beats_svg, preparation_page, volume_svg};
 use crate::results::WriteError;
 use crate::results::folder::WholeFolder;
 use cardiotwin_schemas::preparation::{Preparation, StepState};
 
 /// Number of left-out beats that the table lists; beats.csv lists all of them.
 const MOST_NAMED: usize = 12;
+
+/// Page of the preparation in the folder of its results.
+const PAGE: &str = "prepare.html";
 
 /// Create a patient's folder from continuous recordings: find, judge and average beats, adjust and
 /// synchronise volumes
@@ -31,6 +35,9 @@ const MOST_NAMED: usize = 12;
                   (time_ms, volume_mL), flow.csv, and prepare.toml, which names other files and \
                   columns, states whole-heart volume and cuff pressure, and switches or overrides \
                   each step.\n\
+                  Exports of laboratories are read too: text with any separator, decimal sign and \
+                  encoding, LabChart, Millar, cvi42, Segment, Excel, WFDB, EDF. The format is seen \
+                  from the content, or stated as format = \"labchart\" in prepare.toml.\n\
                   docs/prepare.md has the details. RAW_DIR itself is never changed."
 )]
 pub struct PrepareArgs {
@@ -81,6 +88,7 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     made.answer
         .written
         .extend(pictures.iter().map(|(name, _)| name.clone()));
+    made.answer.written.push(format!("{PREPARED}/{PAGE}"));
     made.answer.written.push(format!("{PREPARED}/prepare.json"));
     made.files.extend(pictures);
     let folder = args.patient.as_ref().filter(|_| !args.dry_run);
@@ -91,6 +99,8 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
         })?;
         made.files
             .push((format!("{PREPARED}/prepare.json"), format!("{text}\n")));
+        made.files
+            .push((format!("{PREPARED}/{PAGE}"), page_of(&raw, &made)));
         write(folder, &made.files).map_err(CliError::Export)?;
     }
     if args.json {
@@ -131,8 +141,8 @@ fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {
     }
 }
 
-/// Checks that the folder does not exist yet, is empty, or was made by this command and `--replace`
-/// was given.
+/// Checks that the folder does not exist yet, is empty, holds only the unedited template of
+/// `cardiotwin init`, or was made by this command and `--replace` was given.
 fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError> {
     let usage = |text: String| Err(CliError::Usage(text));
     if id.is_empty() || id == ".." || id == "." {
@@ -157,7 +167,7 @@ fn may_write(folder: &Path, id: &str, args: &PrepareArgs) -> Result<(), CliError
         ));
     }
     let empty = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
-    if !folder.exists() || empty || args.dry_run {
+    if !folder.exists() || empty || is_untouched(folder) || args.dry_run {
         return Ok(());
     }
     let ours = folder.join(PREPARED).join("prepare.json").is_file();
@@ -204,8 +214,17 @@ fn afterwards(folder: &Path, talk: &Talk) {
     ));
     talk.hint(&format!(
         "see {}",
-        folder.join(PREPARED).join("beats.svg").display()
+        folder.join(PREPARED).join(PAGE).display()
     ));
+}
+
+fn page_of(raw: &RawFolder, made: &Made) -> String {
+    preparation_page(
+        &made.answer,
+        &drawings::recording(raw, made),
+        &drawings::beats(raw, made),
+        drawings::volume(raw, made).as_ref(),
+    )
 }
 
 fn draw(raw: &RawFolder, made: &Made) -> Vec<(String, String)> {

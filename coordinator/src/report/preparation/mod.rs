@@ -1,5 +1,9 @@
-//! Figures of a preparation, as SVG files: all beats, their mean, and frames and loops before and
-//! after each step.
+//! Figures of a preparation, as SVG files and as a page: all beats, their mean, and frames and loops
+//! before and after each step.
+
+mod page;
+
+pub use page::{RecordingLines, preparation_page};
 
 use super::plot::{Axis, Chart, Mark, Scale, Series, stacked};
 
@@ -51,6 +55,11 @@ fn wrapped(text: &[String]) -> Vec<String> {
 /// its spread below. `None` without a finite sample.
 #[must_use]
 pub fn beats_svg(beats: &BeatLines) -> Option<String> {
+    let charts = beats_charts(beats)?;
+    Some(stacked(&beats.title, &wrapped(&beats.text), &charts))
+}
+
+fn beats_charts(beats: &BeatLines) -> Option<[Chart; 3]> {
     let last = beats.mean.last()?.0;
     let all = || {
         beats
@@ -150,11 +159,7 @@ pub fn beats_svg(beats: &BeatLines) -> Option<String> {
     third
         .series
         .push(series("step2", "mean".to_owned(), beats.mean.clone()));
-    Some(stacked(
-        &beats.title,
-        &wrapped(&beats.text),
-        &[first, second, third],
-    ))
+    Some([first, second, third])
 }
 
 /// Volume and loop after each step of a preparation.
@@ -181,6 +186,12 @@ pub struct VolumeLines {
 /// Text of an SVG file with the frames above and the loops below. `None` without a finite volume.
 #[must_use]
 pub fn volume_svg(volume: &VolumeLines) -> Option<String> {
+    let charts = volume_charts(volume)?;
+    Some(stacked(&volume.title, &wrapped(&volume.text), &charts))
+}
+
+/// Frames, and the loops if there is a pressure of the ventricle.
+fn volume_charts(volume: &VolumeLines) -> Option<Vec<Chart>> {
     let lines = [&volume.original, &volume.adjusted, &volume.synchronised];
     let values = lines
         .into_iter()
@@ -226,7 +237,7 @@ pub fn volume_svg(volume: &VolumeLines) -> Option<String> {
         title: format!("whole-heart image: {y:.1} mL at {x:.0} ms"),
     }));
     if volume.sheared_loop.is_empty() {
-        return Some(stacked(&volume.title, &wrapped(&volume.text), &[frames]));
+        return Some(vec![frames]);
     }
     let both = || volume.sheared_loop.iter().chain(&volume.synchronised_loop);
     let mut loops = Chart::new(
@@ -252,11 +263,7 @@ pub fn volume_svg(volume: &VolumeLines) -> Option<String> {
     loops
         .series
         .push(series("step2", "after", &volume.synchronised_loop, false));
-    Some(stacked(
-        &volume.title,
-        &wrapped(&volume.text),
-        &[frames, loops],
-    ))
+    Some(vec![frames, loops])
 }
 
 #[cfg(test)]

@@ -1,0 +1,614 @@
+//! Text files that LabChart (ADInstruments) exports, of PowerLab and of Millar's catheters.
+//!
+//! Each block begins with header lines `Key=` and tabs: `Interval=`, `ExcelDateTime=`,
+//! `TimeFormat=`, `DateFormat=`, `ChannelTitle=`, `Range=`, and in newer versions `UnitName=`,
+//! `TopValue=` and `BottomValue=`. Rows follow: the time (an option of the export), a value for each
+//! channel, and comments after `#`. A unit `*` means that of the range.
+
+use std::path::Path;
+
+use cardiotwin_signals::Problem;
+
+use crate::delimited::refused;
+use crate::grid::Grid;
+use crate::headers::Label;
+use crate::number::{Decimal, is_missing, number};
+use crate::text::Decoded;
+use crate::told::{Told, shown};
+use crate::wanted::{TableReading, Wanted};
+
+/// Keys of the header lines.
+const KEYS: [&str; 9] = [
+    "Interval=",
+    "ExcelDateTime=",
+    "TimeFormat=",
+    "DateFormat=",
+    "ChannelTitle=",
+    "Range=",
+    "UnitName=",
+    "TopValue=",
+    "BottomValue=",
+];
+/// Most comments that are told one by one.
+const COMMENTS: usize = 6;
+/// Milliseconds of a day.
+const DAY_MS: f64 = 86_400_000.0;
+
+/// Whether a text has the header of LabChart among its first lines.
+#[must_use]
+pub fn is_labchart(text: &str) -> bool {
+    text.lines()
+        .take(12)
+        .any(|line| line.starts_with("Interval=") || line.starts_with("ChannelTitle="))
+}
+
+#[derive(Debug, Default)]
+struct Block {
+    /// Line of the first header line, from 1.
+    line: usize,
+    titles: Vec<String>,
+    units: Vec<String>,
+    ranges: Vec<String>,
+    interval_ms: Option<f64>,
+    /// Days since 1900 at the block's begin.
+    date: Option<f64>,
+    from_start_of_block: bool,
+    has_time: bool,
+    times_ms: Vec<f64>,
+    columns: Vec<Vec<f64>>,
+    runs: Vec<(usize, usize)>,
+}
+
+/// Reads an export.
+/// - `wanted_block`: number of the block to read, from 1; without it, all blocks are joined
+#[must_use]
+pub fn parse(
+    decoded: &Decoded<'_>,
+    file: &Path,
+    wanted: &[Wanted],
+    wanted_block: Option<usize>,
+) -> TableReading {
+    let mut reader = Reader {
+        file,
+        told: Told::default(),
+        comments: Vec::new(),
+    };
+    let decimal = decimal_of(&decoded.text);
+    let blocks = reader.blocks(&decoded.text, decimal);
+    let problems = reader.told.problems();
+    if problems.iter().any(Problem::is_error) {
+        return TableReading {
+            table: None,
+            problems,
+        };
+    }
+    let n_blocks = blocks.len();
+    let joined = match choose(blocks, file, wanted_block) {
+        Ok(joined) => joined,
+        Err(problem) => return refused(problem),
+    };
+    let mut said = vec![format!(
+        "LabChart text, {}, decimal {}, {n_blocks} {}",
+        decoded.encoding,
+        decimal.word(),
+        match (n_blocks, wanted_block) {
+            (1, _) => "block".to_owned(),
+            (_, Some(block)) => format!("blocks, of which block {block} is read"),
+            _ => "blocks, joined by their dates".to_owned(),
+        }
+    )];
+    if !joined.has_time {
+        said.push("no column of times: time from the interval between samples".to_owned());
+    }
+    if !reader.comments.is_empty() {
+        let named: Vec<String> = reader
+            .comments
+            .iter()
+            .take(COMMENTS)
+            .map(|(line, text)| format!("`{text}` (line {line})"))
+            .collect();
+        let more = reader.comments.len().saturating_sub(COMMENTS);
+        let more = if more > 0 {
+            format!(" and {more} more")
+        } else {
+            String::new()
+        };
+        said.push(format!("comments: {}{more}", named.join(", ")));
+    }
+    let labels = joined.labels();
+    let Block {
+        line,
+        times_ms,
+        columns,
+        runs,
+        ..
+    } = joined;
+    let grid = Grid {
+        labels: std::iter::once(Label::new("time_ms"))
+            .chain(labels)
+            .collect(),
+        columns: std::iter::once(times_ms).chain(columns).collect(),
+        header_line: Some(line),
+        lines: runs,
+        said,
+    };
+    // The file itself tells the times, whatever prepare.toml calls them.
+    let wanted: Vec<Wanted> = wanted
+        .iter()
+        .map(|one| match one.quantity {
+            "time" => Wanted {
+                names: vec![("time_ms".to_owned(), 1.0)],
+                given: false,
+                ..one.clone()
+            },
+            _ => one.clone(),
+        })
+        .collect();
+    grid.choose(file, &wanted)
+}
+
+/// Decimal sign of the export, from the interval and the first rows.
+fn decimal_of(text: &str) -> Decimal {
+    let numbers = text
+        .lines()
+        .take(200)
+        .filter(|line| line.starts_with("Interval=") || !line.contains('='))
+        .map(|line| line.split('#').next().unwrap_or_default());
+    let comma = numbers
+        .flat_map(|line| line.split(['\t', ' ']))
+        .any(|cell| cell.contains(',') && number(cell.trim().as_bytes(), Decimal::Comma).is_some());
+    if comma {
+        Decimal::Comma
+    } else {
+        Decimal::Point
+    }
+}
+
+struct Reader<'a> {
+    file: &'a Path,
+    told: Told,
+    comments: Vec<(usize, String)>,
+}
+
+impl Reader<'_> {
+    fn blocks(&mut self, text: &str, decimal: Decimal) -> Vec<Block> {
+        let mut blocks: Vec<Block> = Vec::new();
+        let mut in_header = false;
+        for (idx, line) in text.lines().enumerate() {
+            let number_of_line = idx + 1;
+            let line = line.trim_end();
+            if let Some(key) = KEYS.iter().find(|key| line.starts_with(*key)) {
+                if !in_header {
+                    blocks.push(Block {
+                        line: number_of_line,
+                        from_start_of_block: true,
+                        ..Block::default()
+                    });
+                    in_header = true;
+                }
+                if let Some(block) = blocks.last_mut() {
+                    self.header(key, &line[key.len()..], block, decimal, number_of_line);
+                }
+                continue;
+            }
+            if line.trim().is_empty() {
+                continue;
+            }
+            in_header = false;
+            match blocks.last_mut() {
+                Some(block) => self.row(line, block, decimal, number_of_line),
+                None => {
+                    let problem = Problem::error(
+                        self.file,
+                        format!("`{}` before any header", shown(line.as_bytes())),
+                        "the header lines of LabChart, from `Interval=` on",
+                        "export the file again with its block header",
+                    );
+                    self.told.tell("header", problem.at_line(number_of_line));
+                }
+            }
+        }
+        blocks.retain(|block| !block.times_ms.is_empty());
+        if blocks.is_empty() && self.told.is_empty() {
+            self.told.add(Problem::error(
+                self.file,
+                "a header of LabChart and no samples",
+                "rows of samples below the header",
+                "select the whole recording in LabChart and export it again",
+            ));
+        }
+        blocks
+    }
+
+    fn header(&mut self, key: &str, rest: &str, block: &mut Block, decimal: Decimal, line: usize) {
+        let cells = || rest.split('\t').map(|cell| cell.trim().to_owned());
+        let after_tab = || cells().skip(1).collect::<Vec<String>>();
+        match key {
+            "ChannelTitle=" => block.titles = after_tab(),
+            "UnitName=" => block.units = after_tab(),
+            "Range=" => block.ranges = after_tab(),
+            "TimeFormat=" => {
+                block.from_start_of_block = rest.trim().eq_ignore_ascii_case("StartOfBlock")
+            }
+            "ExcelDateTime=" => {
+                block.date = cells()
+                    .nth(1)
+                    .and_then(|cell| number(cell.as_bytes(), decimal));
+            }
+            "Interval=" => {
+                let text = rest.trim();
+                let (value, unit) = text.split_once(' ').unwrap_or((text, "s"));
+                let factor = Label::with_unit("time", Some(unit))
+                    .unit
+                    .and_then(|unit| crate::headers::KNOWN[0].dimension.factor(&unit));
+                match number(value.as_bytes(), decimal).zip(factor) {
+                    Some((value, factor)) if value > 0.0 => {
+                        block.interval_ms = Some(value * factor)
+                    }
+                    _ => {
+                        let problem = Problem::error(
+                            self.file,
+                            format!("`Interval={text}`"),
+                            "a time with its unit, such as 0.001 s",
+                            "export the file again with one rate for all channels",
+                        );
+                        self.told.tell("interval", problem.at_line(line));
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn row(&mut self, line: &str, block: &mut Block, decimal: Decimal, number_of_line: usize) {
+        let (numbers, comment) = match line.split_once('#') {
+            Some((numbers, comment)) => (numbers, Some(comment)),
+            None => (line, None),
+        };
+        if let Some(comment) = comment {
+            let text = comment
+                .trim_start_matches(|c: char| c == '*' || c.is_ascii_digit())
+                .trim();
+            self.comments.push((number_of_line, text.to_owned()));
+        }
+        let numbers = numbers.trim_end();
+        if numbers.is_empty() {
+            return;
+        }
+        let cells: Vec<&str> = numbers.split('\t').map(str::trim).collect();
+        let n = block.titles.len();
+        if block.columns.is_empty() {
+            if n == 0 {
+                let problem = Problem::error(
+                    self.file,
+                    "a block without names of channels",
+                    "a line `ChannelTitle=` in its header",
+                    "export the file again with its block header",
+                );
+                self.told.tell("titles", problem.at_line(block.line));
+                block.columns = vec![Vec::new(); 1];
+                return;
+            }
+            block.columns = vec![Vec::new(); n];
+            block.has_time = cells.len() != n;
+        }
+        if n == 0 {
+            return;
+        }
+        if cells.len() != n + usize::from(block.has_time) {
+            let problem = Problem::error(
+                self.file,
+                format!("{} fields in `{}`", cells.len(), shown(line.as_bytes())),
+                format!(
+                    "{} (the block in line {} has {n} channels)",
+                    n + usize::from(block.has_time),
+                    block.line
+                ),
+                "export the file again; a decimal comma needs tabs between the cells",
+            );
+            self.told.tell("fields", problem.at_line(number_of_line));
+            return;
+        }
+        let time = if block.has_time {
+            time_ms(cells[0], decimal)
+        } else if let Some(interval) = block.interval_ms {
+            Some(block.times_ms.len() as f64 * interval)
+        } else {
+            let problem = Problem::error(
+                self.file,
+                "a block without times",
+                "a column of times, or `Interval=` in the header",
+                "tick the time in LabChart's export",
+            );
+            self.told.tell("interval", problem.at_line(block.line));
+            return;
+        };
+        let Some(time) = time else {
+            let problem = Problem::error(
+                self.file,
+                format!("`{}`", shown(cells[0].as_bytes())),
+                "a time in seconds or hours:minutes:seconds",
+                "choose seconds in LabChart's export",
+            );
+            self.told.tell("time", problem.at_line(number_of_line));
+            return;
+        };
+        let expected = block
+            .runs
+            .last()
+            .map(|(row, line)| line + block.times_ms.len() - row);
+        if expected != Some(number_of_line) {
+            block.runs.push((block.times_ms.len(), number_of_line));
+        }
+        block.times_ms.push(time);
+        for (i, cell) in cells[usize::from(block.has_time)..].iter().enumerate() {
+            let value = number(cell.as_bytes(), decimal);
+            if value.is_none() && !is_missing(cell.as_bytes()) {
+                let problem = Problem::error(
+                    self.file,
+                    format!("`{}`", shown(cell.as_bytes())),
+                    "a number, or an empty cell",
+                    format!("export the file again with a decimal {}", decimal.word()),
+                );
+                self.told.tell(
+                    "number",
+                    problem
+                        .at_line(number_of_line)
+                        .at_key(block.titles[i].clone()),
+                );
+            }
+            block.columns[i].push(value.unwrap_or(f64::NAN));
+        }
+    }
+}
+
+/// A time as seconds or hours:minutes:seconds, in ms.
+fn time_ms(cell: &str, decimal: Decimal) -> Option<f64> {
+    cell.split(':')
+        .map(|part| number(part.trim().as_bytes(), decimal))
+        .try_fold(0.0, |sum, part| Some(60.0 * sum + part?))
+        .map(|seconds| 1000.0 * seconds)
+}
+
+impl Block {
+    fn labels(&self) -> Vec<Label> {
+        let unit_of_range = |i: usize| {
+            self.ranges
+                .get(i)
+                .and_then(|range| range.split_once(' '))
+                .map(|(_, unit)| unit.trim().to_owned())
+        };
+        (0..self.titles.len())
+            .map(|i| {
+                let unit = self
+                    .units
+                    .get(i)
+                    .filter(|unit| !unit.is_empty() && *unit != "*")
+                    .cloned();
+                Label::with_unit(
+                    &self.titles[i],
+                    unit.or_else(|| unit_of_range(i)).as_deref(),
+                )
+            })
+            .collect()
+    }
+}
+
+/// The chosen block, or all blocks on one clock.
+fn choose(mut blocks: Vec<Block>, file: &Path, wanted: Option<usize>) -> Result<Block, Problem> {
+    let n = blocks.len();
+    if let Some(number) = wanted {
+        if !(1..=n).contains(&number) {
+            return Err(Problem::error(
+                file,
+                format!("block {number} in prepare.toml"),
+                format!("a block from 1 to {n}"),
+                "correct `block`, or remove it to read all blocks",
+            ));
+        }
+        return Ok(blocks.swap_remove(number - 1));
+    }
+    let mut blocks = blocks.into_iter();
+    let Some(mut whole) = blocks.next() else {
+        return Err(Problem::error(
+            file,
+            "no block",
+            "a block of samples",
+            "export the recording again",
+        ));
+    };
+    for (number, block) in (2..).zip(blocks) {
+        let differs = |what: &str| {
+            Problem::error(
+                file,
+                format!("{what} in block {number}"),
+                "blocks that can be joined",
+                format!("choose one block in prepare.toml: block = 1 to block = {n}"),
+            )
+            .at_line(block.line)
+        };
+        if block.titles != whole.titles || block.labels() != whole.labels() {
+            return Err(differs("other channels or units"));
+        }
+        let same_rate = match (block.interval_ms, whole.interval_ms) {
+            (Some(a), Some(b)) => (a / b - 1.0).abs() < 1e-6,
+            _ => true,
+        };
+        if !same_rate {
+            return Err(differs("another interval between samples"));
+        }
+        let offset = if block.from_start_of_block || !block.has_time {
+            let (Some(first), Some(here)) = (whole.date, block.date) else {
+                return Err(differs("times from its own begin and no date"));
+            };
+            (here - first) * DAY_MS
+        } else {
+            0.0
+        };
+        let rows = whole.times_ms.len();
+        whole
+            .runs
+            .extend(block.runs.iter().map(|(row, line)| (row + rows, *line)));
+        whole
+            .times_ms
+            .extend(block.times_ms.iter().map(|t| t + offset));
+        for (all, more) in whole.columns.iter_mut().zip(block.columns) {
+            all.extend(more);
+        }
+    }
+    Ok(whole)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::text::decode;
+
+    const HEADER: &str = "Interval=\t0.5 s\nExcelDateTime=\t4.5352e+04\t01/03/2024 10:00:00.000\n\
+        TimeFormat=\tStartOfBlock\nDateFormat=\t\nChannelTitle=\tLVP\tECG\nRange=\t10.000 V\t2.0 mV\n\
+        UnitName=\tmmHg\t*\n";
+
+    fn read(text: &str, block: Option<usize>) -> TableReading {
+        let wanted = [
+            Wanted {
+                required: true,
+                may_lack: false,
+                ..Wanted::new("time")
+            },
+            Wanted::new("lv_pressure"),
+            Wanted::new("ecg"),
+        ];
+        parse(
+            &decode(text.as_bytes()).unwrap(),
+            Path::new("raw/catheter.txt"),
+            &wanted,
+            block,
+        )
+    }
+
+    #[test]
+    fn channels_units_and_comments_are_read() {
+        let reading = read(
+            &format!(
+                "{HEADER}0\t98.1\t1.20\n0.5\t98.3\t1.21\t#* Drug added\n1\tNaN\t1.25\t#2 second\n"
+            ),
+            None,
+        );
+        assert_eq!(reading.problems, []);
+        let table = reading.table.unwrap();
+        assert_eq!(table.columns["time"], [0.0, 500.0, 1000.0]);
+        assert_eq!(table.columns["lv_pressure"][..2], [98.1, 98.3]);
+        assert!(table.columns["lv_pressure"][2].is_nan());
+        assert_eq!(table.columns["ecg"], [1.2, 1.21, 1.25]);
+        assert_eq!(table.line(1), 9);
+        let said = table.said.join("\n");
+        assert!(
+            said.contains("`Drug added` (line 9), `second` (line 10)"),
+            "{said}"
+        );
+        assert!(
+            said.contains("left-ventricular pressure from column `LVP (mmHg)`"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn blocks_are_joined_by_their_dates_or_chosen() {
+        let second = HEADER.replace("4.5352e+04", &format!("{:.12}", 45352.0 + 10.0 / 86400.0));
+        let text = format!("{HEADER}0\t1\t0\n0.5\t2\t0\n{second}0\t3\t0\n0.5\t4\t0\n");
+        let table = read(&text, None).table.unwrap();
+        let expected = [0.0, 500.0, 10_000.0, 10_500.0];
+        assert!(
+            table.columns["time"]
+                .iter()
+                .zip(expected)
+                .all(|(a, b)| (a - b).abs() < 0.01),
+            "{:?}",
+            table.columns
+        );
+        assert_eq!(table.line(2), 17);
+        assert_eq!(
+            read(&text, Some(2)).table.unwrap().columns["lv_pressure"],
+            [3.0, 4.0]
+        );
+        let told = read(&text, Some(3)).problems[0].to_string();
+        assert!(
+            told.contains("block 3") && told.contains("1 to 2"),
+            "{told}"
+        );
+        let other = format!(
+            "{HEADER}0\t1\t0\n0.5\t2\t0\n{}0\t3\t0\n0.5\t4\t0\n",
+            second.replace("0.5 s", "0.1 s")
+        );
+        let told = read(&other, None).problems[0].to_string();
+        assert!(
+            told.contains("catheter.txt:10") && told.contains("another interval"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn a_decimal_comma_and_an_export_without_times_are_read() {
+        let text = HEADER
+            .replace("0.5 s", "0,5 s")
+            .replace("4.5352e+04", "4,5352e+04");
+        let table = read(&format!("{text}0,0\t98,1\t1,2\n0,5\t98,3\t1,2\n"), None)
+            .table
+            .unwrap();
+        assert_eq!(table.columns["lv_pressure"], [98.1, 98.3]);
+        let table = read(&format!("{HEADER}98.1\t1.2\n98.3\t1.2\n"), None)
+            .table
+            .unwrap();
+        assert_eq!(table.columns["time"], [0.0, 500.0]);
+        assert!(table.said[1].contains("from the interval"));
+        let table = read(
+            &format!("{HEADER}0:01:00.5\t98.1\t1.2\n0:01:01\t98.3\t1.2\n"),
+            None,
+        )
+        .table
+        .unwrap();
+        assert_eq!(table.columns["time"], [60_500.0, 61_000.0]);
+    }
+
+    #[test]
+    fn damage_is_told_with_its_line() {
+        for (text, parts) in [
+            (
+                format!("{HEADER}0\t98.1\t1.2\n0.5\t98.3\n"),
+                ["catheter.txt:9", "2 fields"],
+            ),
+            (
+                format!("{HEADER}0\t98.1\t1.2\n0.5\tx\t1\n"),
+                ["catheter.txt:9: LVP", "`x`"],
+            ),
+            (
+                format!("{HEADER}0\t98.1\t1.2\nb\t1\t1\n"),
+                ["catheter.txt:9", "`b`"],
+            ),
+            (
+                format!("{HEADER}0\t98.1\t1.2\n0\t1\t1\n"),
+                ["catheter.txt:9", "0 ms after 0 ms"],
+            ),
+            (HEADER.to_owned(), ["no samples", "below the header"]),
+            (
+                HEADER.replace("0.5 s", "fast"),
+                ["catheter.txt:1", "Interval=fast"],
+            ),
+            (
+                format!(
+                    "{}0\t1\t1\n1\t1\t1\n",
+                    HEADER.replace("UnitName=\tmmHg\t*\n", "")
+                ),
+                ["`LVP (V)`", "calibrated"],
+            ),
+        ] {
+            let told: Vec<String> = read(&text, None)
+                .problems
+                .iter()
+                .map(ToString::to_string)
+                .collect();
+            let told = told.join("\n");
+            assert!(parts.iter().all(|part| told.contains(part)), "{told}");
+        }
+    }
+}
