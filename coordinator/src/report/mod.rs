@@ -30,4 +30,4 @@ pub use calcium_fit::calcium_fit_svg;
 pub use discovery::{discovery_svg, write_discovery};
 pub use organ_3d::spread_svg;
 pub use robustness::write_robustness;
-pub use write::{ONE_FILE, Pages, ReportPaths, shows, write_report};
+pub use write::{ONE_FILE, Pages, ReportPaths, patient_page, shows, write_report};
