@@ -56,7 +56,7 @@ _BY_CODE: dict[int, type[Error]] = {
 def from_exit(code: int, words: str) -> Error:
     """The exception of an exit code, with the program's words."""
     kind = _BY_CODE.get(code, BugError)
-    return kind(words.strip() or f"cardiotwin ended with exit code {code}")
+    return kind(words.strip().removeprefix("error: ") or f"cardiotwin ended with exit code {code}")
 
 
 __all__ = [
