@@ -46,7 +46,6 @@ pub struct PatientTables {
 
 /// Values of one biomarker, measured and simulated, in its unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "columns are named after the steps")]
 pub struct BiomarkerRow {
     pub biomarker: &'static str,
     pub unit: &'static str,
@@ -72,7 +71,6 @@ pub struct ParameterRow {
 
 /// Knowledge about a parameter: quantiles at 5, 50 and 95 % after and before the measurements.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[expect(missing_docs, reason = "columns are named after quantiles")]
 pub struct PosteriorRow {
     pub parameter: String,
     pub unit: &'static str,
