@@ -16,7 +16,7 @@ BUILD_ALL := $(CARGO) build --release --locked --workspace --bins
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: worked-changes help book install package vendor deps deps-demo build build-all test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies second-cohort afterload verify slurm-kills clean-run
+.PHONY: wheel test-python worked-changes help book install package vendor deps deps-demo build build-all test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies second-cohort afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -56,6 +56,12 @@ test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests a
 
 book: ## make the book of all documents into target/book/html, and check its links (mdbook, python3)
 	docs/book/build.sh $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/book
+
+wheel: ## make dist/cardiotwin-VERSION-*.whl, a package for Python 3.10 and newer with the programs inside (docs/python.md)
+	python/build-wheel.sh dist
+
+test-python: ## make the wheel, install it into a new virtual environment, and test what was installed (packages from PyPI)
+	python/test.sh
 
 PREFIX ?= /usr/local
 install: build ## put programs, manual, completions, site profiles and a modulefile under PREFIX (DESTDIR before it)

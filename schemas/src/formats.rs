@@ -168,6 +168,8 @@ formats! {
     MESH_REPAIR { "mesh repair", 1, "`cardiotwin mesh repair --json`", "coordinator", "people's programs", "" }
     /// Twins under changed conditions.
     PREDICTION { "prediction", 1, "`cardiotwin predict --json`", "coordinator", "people's programs", "" }
+    /// Tables and traces of a patient.
+    PATIENT_TABLES { "patient's tables", 1, "`cardiotwin show --tables`", "coordinator", "people's programs", "" }
     /// Result of one simulation.
     SIMULATION { "simulation", 1, "`cardiotwin simulate --json`", "coordinator", "people's programs", "" }
     /// Result of one call of a sensitivity sweep.

@@ -8,6 +8,7 @@
 mod absent;
 pub mod afterload;
 pub mod allocation;
+pub mod beat_parameters;
 pub mod cohort;
 mod determination;
 pub mod discover;

@@ -124,7 +124,7 @@ pub const CRATES: &[Rule] = &[
             "validation",
             "input-files",
         ],
-        why: "one conversion from a task's spec to solver types per kind; only developers' tools import worker; validation only in an example",
+        why: "one conversion from a task's spec to solver types per kind; only developers' tools and the package for Python import worker; validation only in an example",
     },
     Rule {
         who: "coordinator",
@@ -154,6 +154,11 @@ pub const CRATES: &[Rule] = &[
         who: "slurm",
         may: &["vocabulary"],
         why: "Slurm is data and pure decisions: whoever runs its commands hands in their answers",
+    },
+    Rule {
+        who: "python",
+        may: &["schemas", "vocabulary", "cell-engine", "worker"],
+        why: "Python calls the worker's conversions and kernels in its own process; what the coordinator does it asks of the programs",
     },
     Rule {
         who: "dashboard",

@@ -95,6 +95,14 @@ pub enum TaskError {
     /// The organ model rejects its parameters.
     #[error("cannot simulate the organ")]
     Organ(#[source] VentricleError),
+    /// A simulation found no further step.
+    #[error("diverged after {last_good_ms} ms")]
+    Diverged {
+        /// Time of the last good state from the beginning of the simulation.
+        last_good_ms: f64,
+        /// Failure of the shortest step.
+        source: VentricleError,
+    },
     /// The contraction model rejects its parameters.
     #[error("the contraction model failed")]
     Contraction(#[source] ContractionError),
@@ -280,7 +288,8 @@ impl TaskError {
                 _ => FailureClass::Numerics,
             },
             Self::FiniteElement(error) => error.class(),
-            Self::NoMedian { .. }
+            Self::Diverged { .. }
+            | Self::NoMedian { .. }
             | Self::SimulatedTrace(_)
             | Self::NoCell
             | Self::NoBeat { .. }
@@ -328,7 +337,7 @@ impl TaskError {
                 "set bounds or start values so that the parameter stays inside the model's range",
             ),
             Self::FiniteElement(error) => error.remedy(),
-            Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
+            Self::Diverged { .. } | Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
             Self::NoProposal(_) => Some(
                 "rerun from step1 with other initial values, bounds or update = \"fixed-point\"",
             ),

@@ -5,6 +5,7 @@
 //! executes the task and publishes the outcome. [`tasks::run_task`] only executes the task.
 
 pub mod attempt;
+pub mod average_ventricle;
 pub mod calcium;
 mod call;
 pub mod cell_parameters;

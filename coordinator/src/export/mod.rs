@@ -3,9 +3,12 @@
 //! network. Columns are named as in `docs/formats.md`.
 
 mod paper;
+mod patient_tables;
 pub mod ro_crate;
 mod table;
 mod traces;
+
+pub use patient_tables::PatientTables;
 
 use std::path::{Path, PathBuf};
 

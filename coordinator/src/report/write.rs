@@ -59,6 +59,14 @@ pub fn write_report(
     }
 }
 
+/// A page with the section of one patient, which needs no other file.
+#[must_use]
+pub fn patient_page(record: &PatientRecord) -> String {
+    let section = patient::section(record, &Signals::read(record));
+    let title = format!("{} · cardiotwin", record.plan.id);
+    page::page(&title, &html! {}, &section).0
+}
+
 fn one_file(
     run: &RunRecord,
     discovered: Option<&DiscoverCases>,

@@ -19,15 +19,12 @@ use std::time::{Duration, Instant};
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
 use cardiotwin_models::effects::Assembled;
 use cardiotwin_models::periodic::{FitSubject, Orbit, PeriodicSettings, find};
-use cardiotwin_schemas::biomarkers::NoiseWindows;
-use cardiotwin_schemas::organ::{
-    ActivationSpec, BeatCount, CellStretch, CirculationSpec, ContractionSpec, OneFibrePassive,
-    OrganSpec, TanhParameters, ValveParameters, WindkesselParameters,
-};
+use cardiotwin_schemas::organ::ContractionSpec;
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_units::{Ml, Ms};
 use serde::Serialize;
 
+use cardiotwin_worker::average_ventricle::{CYCLE_MS, average_ventricle};
 use cardiotwin_worker::error::TaskError;
 use cardiotwin_worker::tasks::organ_beat;
 
@@ -37,8 +34,6 @@ const WARM_UP: Duration = Duration::from_millis(300);
 const MEASURED: Duration = Duration::from_secs(2);
 /// Parameters of a cell that ejects from [`average_ventricle`]; the others have their defaults.
 const EJECTING_CELL: [(&str, f64); 2] = [("Ca50_ref_uM", 0.5), ("Smax_ref_kPa", 200.0)];
-/// Cycle length in all kernel benchmarks.
-const CYCLE_MS: f64 = 800.0;
 
 /// One beat of the reduced ventricle with Tanh at 1 ms steps, set-up included.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -181,54 +176,6 @@ fn median_seconds(
     }
     seconds.sort_by(f64::total_cmp);
     Ok((seconds[seconds.len() / 2], seconds.len()))
-}
-
-/// A ventricle in the middle of the bundled cohort.
-fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
-    let passive = OneFibrePassive {
-        wall_volume_ml: 97.5,
-        unloaded_volume_ml: 71.0,
-        end_diastolic_volume_ml: 130.0,
-        end_diastolic_pressure_mmhg: 9.0,
-        stiffness_kpa: 0.3,
-        exponent: 9.24,
-    };
-    let afterload = WindkesselParameters {
-        characteristic_resistance_mmhg_s_per_ml: 0.055,
-        peripheral_resistance_mmhg_s_per_ml: 0.85,
-        compliance_ml_per_mmhg: 1.5,
-    };
-    let activation = ActivationSpec {
-        spread_ms: 40.0,
-        groups: 16,
-        onset_ms: 0.0,
-    };
-    let spec = OrganBeatSpec {
-        cycle_length_ms: CYCLE_MS,
-        time_step_ms: 1.0,
-        shortest_step_ms: 1.0 / 64.0,
-        newton_iterations: 60,
-        organ: OrganSpec::Reduced {
-            passive,
-            activation,
-        },
-        circulation: CirculationSpec {
-            afterload,
-            initial_windkessel_pressure_mmhg: 70.0,
-            left_atrial_pressure_mmhg: 7.0,
-            effects: Vec::new(),
-        },
-        valves: ValveParameters::default(),
-        contraction: ContractionSpec::Tanh {
-            parameters: TanhParameters::default(),
-        },
-        cell_stretch: CellStretch::default(),
-        beats: BeatCount::Fixed { n: 1 },
-        measured_end_diastolic_volume_ml: None,
-        noise_windows: NoiseWindows::default(),
-        finite_element: None,
-    };
-    (spec, passive, activation)
 }
 
 /// Model name of the processor, or the architecture where `/proc/cpuinfo` gives none.

@@ -5,10 +5,12 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::motion::{Against, MOTION};
+use cardiotwin_schemas::organ::BeatCount;
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
 use cardiotwin_schemas::settings::Update;
 use cardiotwin_schemas::step1::Step1Parameter;
+use cardiotwin_schemas::task::OrganBeatSpec;
 use clap::Args;
 
 use crate::cli::error::CliError;
@@ -17,7 +19,9 @@ use crate::cli::place::{Folders, OfCohort};
 use crate::cli::store::open;
 use crate::cli::table::{Columns, duration, number, optional, percent};
 use crate::cli::talk::{Talk, Tone};
-use crate::report::spread_svg;
+use crate::cli::ventricle::Ventricle;
+use crate::export::PatientTables;
+use crate::report::{patient_page, spread_svg};
 use crate::results::{PatientView, SpreadFile, Step};
 
 /// Show one patient in detail: results, iterations, parameters, failure and location of its files
@@ -28,6 +32,13 @@ pub struct ShowArgs {
     /// Print one JSON object instead of text
     #[arg(long)]
     json: bool,
+    /// Print one JSON object of tables for other programs: biomarkers, parameters, posterior,
+    /// traces, and the twin's beat
+    #[arg(long, conflicts_with = "json")]
+    tables: bool,
+    /// Print the patient's section of the report as an HTML page
+    #[arg(long, conflicts_with_all = ["json", "tables"])]
+    html: bool,
     /// Draw the spread of the nodes' stretch and active stress around their medians into an SVG
     /// file
     #[arg(long, value_name = "FILE")]
@@ -53,6 +64,15 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.json(&record)?;
         return Ok(Exit::Ok);
     }
+    if args.tables {
+        let beat = beat(&record, &folders).await?;
+        talk.json(&PatientTables::of(&record, beat))?;
+        return Ok(Exit::Ok);
+    }
+    if args.html {
+        talk.data(&patient_page(&record))?;
+        return Ok(Exit::Ok);
+    }
     let sections = [
         heading(&record),
         biomarkers(&record, talk),
@@ -73,6 +93,24 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.hint(&hint);
     }
     Ok(Exit::Ok)
+}
+
+/// Specification of the twin's beat, or of step 1's before step 2 is done; `None` before step 0.
+async fn beat(
+    record: &PatientRecord,
+    folders: &Folders,
+) -> Result<Option<OrganBeatSpec>, CliError> {
+    if record.step0.is_none() {
+        return Ok(None);
+    }
+    let ventricle = Ventricle::of_run(folders, record.plan.id.as_str(), "--tables").await?;
+    let beats = BeatCount::Fixed {
+        n: record.plan.settings.solver.beats,
+    };
+    if record.cell_fit.is_none() {
+        return Ok(Some(ventricle.beat_of_step1(beats)));
+    }
+    ventricle.beat_of_twin("--tables", beats).map(Some)
 }
 
 /// Draws the spread of the nodes' stretch and active stress into an SVG file.

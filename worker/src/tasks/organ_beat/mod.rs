@@ -12,7 +12,7 @@ mod result;
 
 use std::collections::BTreeMap;
 
-use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_beats};
+use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_beats};
 use cardiotwin_models::effects::Assembled;
 use cardiotwin_schemas::organ::{self, ActivationSpec, OrganSpec};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult};
@@ -79,19 +79,50 @@ pub fn reduced_beat(
     passive: &organ::OneFibrePassive,
     activation: &ActivationSpec,
 ) -> Result<Option<OrganBeatResult>, TaskError> {
+    let outcome = outcome_of(spec, passive, activation, false)?;
+    match outcome {
+        BeatOutcome::Finished(result) => {
+            organ_beat_result(spec, &result, Seen::default()).map(Some)
+        }
+        BeatOutcome::Diverged { .. } => Ok(None),
+    }
+}
+
+/// A beat of the one-fibre ventricle with its traces and those of its groups, without artefacts.
+///
+/// # Errors
+/// Same as for [`run`]; [`TaskError::Diverged`] if the beat diverges.
+pub fn reduced_beat_with_traces(
+    spec: &OrganBeatSpec,
+    passive: &organ::OneFibrePassive,
+    activation: &ActivationSpec,
+) -> Result<(OrganBeatResult, BeatTraces), TaskError> {
+    match outcome_of(spec, passive, activation, true)? {
+        BeatOutcome::Finished(result) => {
+            let read = organ_beat_result(spec, &result, Seen::default())?;
+            Ok((read, result.traces))
+        }
+        BeatOutcome::Diverged { t, reason, .. } => Err(TaskError::Diverged {
+            last_good_ms: t.0,
+            source: reason,
+        }),
+    }
+}
+
+fn outcome_of(
+    spec: &OrganBeatSpec,
+    passive: &organ::OneFibrePassive,
+    activation: &ActivationSpec,
+    record_nodes: bool,
+) -> Result<BeatOutcome, TaskError> {
     let Assembled {
         mut ventricle,
         mut circulation,
         ..
     } = reduced(spec, passive, activation)?;
     let settings = BeatSettings {
-        record_nodes: false,
+        record_nodes,
         ..settings(spec)
     };
-    match run_beats(&mut ventricle, &mut circulation, &settings) {
-        BeatOutcome::Finished(result) => {
-            organ_beat_result(spec, &result, Seen::default()).map(Some)
-        }
-        BeatOutcome::Diverged { .. } => Ok(None),
-    }
+    Ok(run_beats(&mut ventricle, &mut circulation, &settings))
 }

@@ -100,7 +100,8 @@ impl Model for Cells {
 }
 
 /// Name of a status in `samples.csv`.
-fn status(status: CellStatus) -> &'static str {
+#[must_use]
+pub fn status(status: CellStatus) -> &'static str {
     match status {
         CellStatus::Periodic => "periodic",
         CellStatus::NotPeriodic => "not-periodic",

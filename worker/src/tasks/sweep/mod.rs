@@ -23,6 +23,7 @@ use cardiotwin_schemas::sweep::SAMPLES_HEADING;
 use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
 use rayon::ThreadPoolBuilder;
 
+pub use self::cell::status as cell_status;
 use self::model::Model;
 use crate::context::Context;
 use crate::error::TaskError;

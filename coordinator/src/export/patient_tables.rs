@@ -1,0 +1,195 @@
+//! Tables and traces of one patient as one object for other programs, in long form.
+
+use std::path::PathBuf;
+
+use cardiotwin_schemas::biomarkers::Biomarker;
+use cardiotwin_schemas::cell::cell_parameter;
+use cardiotwin_schemas::formats::PATIENT_TABLES;
+use cardiotwin_schemas::outcome::Determination;
+use cardiotwin_schemas::record::PatientRecord;
+use cardiotwin_schemas::status::PatientStatus;
+use cardiotwin_schemas::step1::Step1Parameter;
+use cardiotwin_schemas::task::OrganBeatSpec;
+use cardiotwin_schemas::verdict::Verdict;
+use serde::Serialize;
+
+use crate::results::{PatientView, Signals, Step};
+
+/// Results of one patient so far.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PatientTables {
+    /// Format version.
+    pub schema_version: u32,
+    /// State of the patient.
+    pub status: PatientStatus,
+    /// Agreement of the twin's beat with the measured biomarkers.
+    pub verdict: Option<Verdict>,
+    /// A row for each biomarker.
+    pub biomarkers: Vec<BiomarkerRow>,
+    /// A row for each personalised parameter of each step.
+    pub parameters: Vec<ParameterRow>,
+    /// A row for each parameter of the posterior.
+    pub posterior: Vec<PosteriorRow>,
+    /// Draws of the posterior, by draw, in the order of `posterior`.
+    pub draws: Vec<Vec<f64>>,
+    /// Measured and simulated traces.
+    pub traces: Vec<TraceColumns>,
+    /// One sentence for each file whose traces could not be read.
+    pub problems: Vec<String>,
+    /// Specification of the twin's beat, or of step 1's before there is a twin.
+    pub beat: Option<OrganBeatSpec>,
+    /// Surface of the twin's 3D wall (`heart.json`).
+    pub heart: Option<PathBuf>,
+    /// Index of the twin's series for ParaView (`beat.pvd`).
+    pub series: Option<PathBuf>,
+}
+
+/// Values of one biomarker, measured and simulated, in its unit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BiomarkerRow {
+    pub biomarker: &'static str,
+    pub unit: &'static str,
+    pub meaning: &'static str,
+    pub measured: Option<f64>,
+    pub step1: Option<f64>,
+    pub step2: Option<f64>,
+    pub step3: Option<f64>,
+}
+
+/// A personalised parameter.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterRow {
+    /// Step that gave the value: `step1`, `step2` or `step3`.
+    pub step: &'static str,
+    /// Name with unit.
+    pub parameter: String,
+    /// Unit; empty for a dimensionless parameter.
+    pub unit: &'static str,
+    /// Value in the unit.
+    pub value: f64,
+}
+
+/// Knowledge about a parameter: quantiles at 5, 50 and 95 % after and before the measurements.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PosteriorRow {
+    pub parameter: String,
+    pub unit: &'static str,
+    pub twin: f64,
+    pub p5: f64,
+    pub p50: f64,
+    pub p95: f64,
+    pub prior_p5: f64,
+    pub prior_p50: f64,
+    pub prior_p95: f64,
+    pub mark: Determination,
+}
+
+/// One trace by column.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TraceColumns {
+    /// `measured`, `step1`, `step2` or `step3`.
+    pub source: &'static str,
+    /// Quantity, without unit.
+    pub signal: &'static str,
+    /// Unit; `1` stands for dimensionless.
+    pub unit: &'static str,
+    /// Time from the beat's start.
+    pub time_ms: Vec<f64>,
+    /// Value at each time.
+    pub value: Vec<f64>,
+}
+
+impl PatientTables {
+    /// Tables of a patient with the specification of its beat.
+    #[must_use]
+    pub fn of(record: &PatientRecord, beat: Option<OrganBeatSpec>) -> Self {
+        let signals = Signals::read(record);
+        let posterior = record.posterior.as_ref().map(|task| &task.result);
+        let artefact = |name: &str| {
+            let best = PatientView(record).beat(Step::Step1);
+            record.twin().or(best).and_then(|task| task.artefact(name))
+        };
+        Self {
+            schema_version: PATIENT_TABLES.version,
+            status: record.status.clone(),
+            verdict: record.verdict.clone(),
+            biomarkers: Biomarker::ALL.map(|b| biomarker(record, b)).into(),
+            parameters: parameters(record),
+            posterior: posterior
+                .iter()
+                .flat_map(|p| &p.parameters)
+                .map(|(name, spread)| PosteriorRow {
+                    parameter: name.clone(),
+                    unit: unit(name),
+                    twin: spread.twin,
+                    p5: spread.posterior.p5,
+                    p50: spread.posterior.p50,
+                    p95: spread.posterior.p95,
+                    prior_p5: spread.prior.p5,
+                    prior_p50: spread.prior.p50,
+                    prior_p95: spread.prior.p95,
+                    mark: spread.mark,
+                })
+                .collect(),
+            draws: posterior.map_or_else(Vec::new, |p| p.draws.clone()),
+            traces: signals
+                .all
+                .iter()
+                .map(|signal| TraceColumns {
+                    source: signal.source.name(),
+                    signal: signal.kind.name(),
+                    unit: signal.kind.unit(),
+                    time_ms: signal.points.iter().map(|p| p.0).collect(),
+                    value: signal.points.iter().map(|p| p.1).collect(),
+                })
+                .collect(),
+            problems: signals.problems,
+            beat,
+            heart: artefact("heart"),
+            series: artefact("vtu"),
+        }
+    }
+}
+
+fn biomarker(record: &PatientRecord, b: Biomarker) -> BiomarkerRow {
+    let view = PatientView(record);
+    let simulated = |step| view.simulated(step).and_then(|values| values.get(b));
+    let label = b.label();
+    BiomarkerRow {
+        biomarker: label.key,
+        unit: label.unit,
+        meaning: label.meaning,
+        measured: view.measured().get(b),
+        step1: simulated(Step::Step1),
+        step2: simulated(Step::Step2),
+        step3: simulated(Step::Step3),
+    }
+}
+
+fn parameters(record: &PatientRecord) -> Vec<ParameterRow> {
+    let row = |step, name: &str, value| ParameterRow {
+        step,
+        parameter: name.to_owned(),
+        unit: unit(name),
+        value,
+    };
+    let best = PatientView(record).best_iteration();
+    let step1 = best.into_iter().flat_map(|iteration| {
+        Step1Parameter::ALL.map(|p| row("step1", p.key(), iteration.parameters.get(p)))
+    });
+    let fit = record
+        .cell_fit
+        .iter()
+        .flat_map(|fit| &fit.result.parameters);
+    let step3 = record.step3.iter().flat_map(|step3| &step3.parameters);
+    step1
+        .chain(fit.map(|p| row("step2", &p.name, p.value)))
+        .chain(step3.map(|(name, value)| row("step3", name, *value)))
+        .collect()
+}
+
+fn unit(name: &str) -> &'static str {
+    let of_step1 = Step1Parameter::named(name).map(Step1Parameter::label);
+    let label = of_step1.or_else(|| cell_parameter(name).map(|p| p.label));
+    label.map_or("", |label| label.unit)
+}

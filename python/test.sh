@@ -1,0 +1,25 @@
+#!/usr/bin/env bash
+# Makes the wheel, installs it into a new virtual environment, and tests what was installed: types, style, python/tests, the notebooks.
+# Packages come from the index of pip. Usage: python/test.sh [ARGUMENTS OF PYTEST]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+PYTHON=${PYTHON:-python3}
+target=$(realpath -m "${CARGO_TARGET_DIR:-target}")
+folder=$target/python-test
+rm -rf -- "$folder"
+mkdir -p "$folder"
+python/build-wheel.sh "$folder/dist"
+"$PYTHON" -m venv "$folder/env"
+wheel=("$folder"/dist/cardiotwin-*.whl)
+began=$(date +%s)
+"$folder/env/bin/pip" install --quiet "${wheel[0]}"
+echo "installed in $(($(date +%s) - began)) s: $("$folder/env/bin/cardiotwin" --version)"
+"$folder/env/bin/pip" install --quiet "${wheel[0]}[polars,xarray,notebooks]" "pytest>=8" "mypy>=1.13" "ruff>=0.8" pandas-stubs
+"$folder/env/bin/ruff" check --quiet --no-cache --config python/pyproject.toml python/cardiotwin python/tests
+"$folder/env/bin/ruff" format --quiet --no-cache --check --config python/pyproject.toml python/cardiotwin python/tests
+(cd python && "$folder/env/bin/mypy" --config-file pyproject.toml --cache-dir "$folder/mypy" cardiotwin)
+# Out of the source tree, so that only the installed package is found.
+tests=$PWD/python/tests
+cd "$folder"
+PYTHONDONTWRITEBYTECODE=1 PYVISTA_OFF_SCREEN=true MPLBACKEND=agg "$folder/env/bin/python" -m pytest -p no:cacheprovider --import-mode=importlib -q "$tests" "$@"
