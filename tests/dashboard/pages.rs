@@ -93,14 +93,15 @@ fn a_run_is_followed_to_its_end_by_two_readers() {
     one.wait_for("document.querySelectorAll('.results svg.plot').length > 5")
         .unwrap();
     assert_eq!(one.value("location.hash").unwrap(), "#/patient/01-CoA");
-    let now = "document.querySelector('.now').textContent";
+    // An element that is not there yet has an empty text.
+    let now = "(document.querySelector('.now')?.textContent ?? '')";
     let line = one
         .wait_for(&format!("{now}.includes('generation') && {now}"))
         .unwrap();
     one.wait_for(&format!("{now} !== {line}")).unwrap();
     picture(&mut one, "patient-light-1300");
     one.click(".tabs a[href$='/logs']").unwrap();
-    let log = "document.querySelector('.log').textContent";
+    let log = "(document.querySelector('.log')?.textContent ?? '')";
     let seen = one.wait_for(log).unwrap();
     one.wait_for(&format!("{log} !== {seen} && {log}.includes('==> step-2')"))
         .unwrap();

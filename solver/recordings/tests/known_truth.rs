@@ -202,18 +202,9 @@ fn lag_error(wish: &Wish, aorta: bool) -> (f64, f64) {
 /// method come from seeds 1000 to 1119, and nothing was chosen by these hearts.
 #[test]
 fn pressure_and_volume_are_in_step() {
-    in_step(9000..9030, [0.95, 0.9, 0.8]);
-}
-
-/// The figures of docs/measurements/prepare.md.
-#[test]
-#[ignore = "takes minutes"]
-fn pressure_and_volume_are_in_step_in_many_hearts() {
-    in_step(9000..9120, [0.97, 0.95, 0.85]);
-}
-
-/// - `within`: shares of the hearts that must lie within 10 ms
-fn in_step(seeds: std::ops::Range<u64>, within: [f64; 3]) {
+    let seeds = 9000..9120;
+    // Shares of the hearts within 10 ms, a little below those of docs/measurements/prepare.md.
+    let within = [0.97, 0.93, 0.85];
     for ((noise, aorta, worst), within) in
         [(1.0, true, 15.0), (2.0, true, 20.0), (2.0, false, 30.0)]
             .into_iter()

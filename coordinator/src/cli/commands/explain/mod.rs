@@ -1,6 +1,7 @@
 //! `cardiotwin explain`: inputs that determine each task of a patient, and those that changed.
 
 mod pending;
+mod places;
 
 use std::path::PathBuf;
 
@@ -15,9 +16,10 @@ use crate::cli::place::{Folders, OfCohort};
 use crate::cli::store::{open, stored_overrides};
 use crate::cli::table::{Columns, duration};
 use crate::cli::talk::{Talk, Tone};
-use crate::engine::{JobRecord, LeafChange, StepExplanation, Task};
+use crate::engine::{JobRecord, StepExplanation, Task};
 use crate::input::{self, Options, Patient, Report};
 use pending::Pending;
+use places::places;
 
 /// Explain the state of a patient's tasks: dependencies, changed settings and files, and the layer
 /// or line that sets them
@@ -220,38 +222,6 @@ fn text(
     text
 }
 
-/// Layers, or files and lines, that set the changed value.
-fn places(
-    change: &LeafChange,
-    patient: Option<&Patient>,
-    files: &[(String, PathBuf)],
-) -> Vec<String> {
-    let parts: Vec<&str> = change
-        .path
-        .split('.')
-        .map(|part| part.split('[').next().unwrap_or(part))
-        .collect();
-    let mut places: Vec<String> = Vec::new();
-    let names_a_file = |name: &str| parts.contains(&name) && parts.last() == Some(&"sha256");
-    places.extend(
-        files
-            .iter()
-            .filter(|(name, _)| names_a_file(name))
-            .map(|(_, path)| path.display().to_string()),
-    );
-    if places.is_empty()
-        && let (Some(patient), Some(name)) = (patient, parts.last())
-    {
-        places.extend(
-            patient
-                .places_of(name)
-                .into_iter()
-                .map(|(key, place)| format!("{key} in {place}")),
-        );
-    }
-    places
-}
-
 fn short(key: &str) -> &str {
     key.get(..12).unwrap_or(key)
 }
@@ -262,6 +232,7 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
+    use crate::engine::LeafChange;
 
     #[test]
     fn a_changed_value_and_a_changed_file_say_where_they_are() {

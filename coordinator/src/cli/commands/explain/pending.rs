@@ -4,7 +4,7 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use serde::Serialize;
 
-use super::places;
+use super::places::places;
 use crate::cli::error::CliError;
 use crate::cli::place::Folders;
 use crate::cli::talk::count;

@@ -1,0 +1,38 @@
+//! Places that set a changed value.
+
+use std::path::PathBuf;
+
+use crate::engine::LeafChange;
+use crate::input::Patient;
+
+/// Layers, or files and lines, that set the changed value.
+pub fn places(
+    change: &LeafChange,
+    patient: Option<&Patient>,
+    files: &[(String, PathBuf)],
+) -> Vec<String> {
+    let parts: Vec<&str> = change
+        .path
+        .split('.')
+        .map(|part| part.split('[').next().unwrap_or(part))
+        .collect();
+    let mut places: Vec<String> = Vec::new();
+    let names_a_file = |name: &str| parts.contains(&name) && parts.last() == Some(&"sha256");
+    places.extend(
+        files
+            .iter()
+            .filter(|(name, _)| names_a_file(name))
+            .map(|(_, path)| path.display().to_string()),
+    );
+    if places.is_empty()
+        && let (Some(patient), Some(name)) = (patient, parts.last())
+    {
+        places.extend(
+            patient
+                .places_of(name)
+                .into_iter()
+                .map(|(key, place)| format!("{key} in {place}")),
+        );
+    }
+    places
+}
