@@ -153,11 +153,6 @@ short_parts() {
     else
         skipped "the book, its links" book "python3 is not installed, or cargo could not build mdbook"
     fi
-    if python3 -c 'import ensurepip' 2>/dev/null && python3 -c 'import sys; sys.exit(sys.version_info < (3, 10))' && python3 -m pip download --quiet --no-deps --dest "$target/python-index" numpy 2>/dev/null; then
-        part "python: wheel, its tests" env CARDIOTWIN_PROGRAMS="$(cd "$target" && pwd)/release" python/test.sh
-    else
-        skipped "python: wheel, its tests" python-packages "Python 3.10 with venv, or PyPI, is missing"
-    fi
     part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
 }
 if [ "${CARDIOTWIN_TESTS:-}" != long ]; then

@@ -168,7 +168,8 @@ pub fn sniff(lines: &[&str]) -> Result<Dialect, NoDialect> {
 /// Most rows in a row with the same number of cells, and the index of the first of them. Empty
 /// lines and comments do not end a run.
 fn longest_run(lines: &[&str], separator: u8, decimal: Decimal) -> Option<(usize, usize)> {
-    let (mut best, mut run): (Option<(usize, usize)>, Option<(usize, usize, usize)>) = (None, None);
+    let mut best: Option<(usize, usize)> = None;
+    let mut run: Option<(usize, usize, usize)> = None;
     for (i, line) in lines.iter().enumerate() {
         let trimmed = line.trim();
         if trimmed.is_empty() || trimmed.starts_with('#') {

@@ -380,12 +380,11 @@ mod tests {
         }
         let other = made(&[("Resp", "L", 10)], 3, |_, k| k as i16);
         assert!(
-            read(&other)
+            !read(&other)
                 .table
                 .unwrap()
                 .columns
-                .get("lv_pressure")
-                .is_none()
+                .contains_key("lv_pressure")
         );
     }
 }

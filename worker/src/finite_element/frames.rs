@@ -38,7 +38,7 @@ impl Frames {
         let length = 1 + 3 * self.frames.first().map_or(0, |frame| frame.places.len());
         self.beat = shapes.beat;
         self.frames.clear();
-        if numbers.len() % length == 0 {
+        if numbers.len().is_multiple_of(length) {
             self.frames
                 .extend(numbers.chunks_exact(length).map(|all| Frame {
                     sample: all[0] as usize,

@@ -12,13 +12,16 @@ pub const LARGEST_SHARE: f64 = 10.0;
 /// Smallest number of patients whose extreme contributions are drawn in.
 const DRAWN_IN_FROM: usize = 3;
 
+/// Contributions to the pooled log evidence of an effect, by patient.
+type Shares<'a> = Vec<(&'a str, f64)>;
+
 /// All candidates over a cohort, sorted by pooled evidence, the best first.
 #[must_use]
 pub fn pool<'a>(
     patients: impl IntoIterator<Item = (&'a str, &'a Discovered)>,
 ) -> Vec<PooledEffect> {
     let mut n_patients = 0;
-    let mut by_name: BTreeMap<&str, (u32, Vec<(&str, f64)>)> = BTreeMap::new();
+    let mut by_name: BTreeMap<&str, (u32, Shares<'_>)> = BTreeMap::new();
     for (patient, found) in patients {
         n_patients += 1;
         for effect in &found.findings.effects {
