@@ -125,7 +125,7 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
     // A repeated sweep computes nothing and prints the same result. Another design is refused, but
     // further seeds are accepted.
     let again = cohort.call(&[&PAPER[..], &["--json"]].concat());
-    assert!(again.err.contains("0 tasks published"), "{}", again.err);
+    assert!(again.err.contains("0 tasks computed"), "{}", again.err);
     assert_eq!(again.json(), result);
     cohort
         .call(&[&PAPER[..], &DATA[..2], &["--samples", "3"]].concat())
@@ -135,7 +135,7 @@ fn uncertain_data_spread_into_tables_and_the_original_is_the_patients_own() {
         .call(&[&PAPER[..], &["--seeds", "2"]].concat())
         .expect(0);
     assert!(
-        more.out.contains("02-CoA") && more.err.contains("2 tasks published"),
+        more.out.contains("02-CoA") && more.err.contains("2 tasks computed"),
         "{}",
         more.err
     );

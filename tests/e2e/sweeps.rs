@@ -406,7 +406,7 @@ fn a_cancelled_sweep_ends_and_the_same_command_takes_it_up() {
     place.wait_for_chunks("gsa", 1);
     place.call(&["sweep", "cancel", "gsa"]).expect(0);
     let said = running.end().expect(1);
-    assert!(said.out.contains("published"), "{}", said.out);
+    assert!(said.out.contains("computed"), "{}", said.out);
     let status = place.status("gsa");
     let done = status["chunks"]["done"].as_u64().unwrap();
     assert!(
