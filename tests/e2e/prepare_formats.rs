@@ -314,7 +314,8 @@ fn a_gap_of_the_recording_is_drawn_as_a_gap() {
         .split("class=\"line out\"")
         .skip(1)
         .filter_map(|rest| rest.split(" d=\"").nth(1)?.split('"').next())
-        .filter(|path| path.matches('M').count() == 2 && path.len() > 20)
+        // Beat 12 has the example's own gap, too: three stretches of samples.
+        .filter(|path| path.matches('M').count() == 3)
         .count();
     assert!(broken >= 1, "no line of an excluded beat is broken");
     assert!(page.contains("of samples are missing"));

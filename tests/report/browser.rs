@@ -23,23 +23,16 @@ pub struct Visit {
 impl Browser {
     /// The browser, or `None` if none is installed. With `CI` set to `true` there must be one.
     pub fn find() -> Option<Self> {
-        let names = [
-            "chromium",
-            "chromium-browser",
-            "google-chrome",
-            "google-chrome-stable",
-        ];
-        let path = std::env::var_os("PATH").unwrap_or_default();
-        let found = std::env::split_paths(&path)
-            .flat_map(|d| names.map(|n| d.join(n)))
-            .find(|p| p.is_file());
+        let found = cardiotwin_chromium::Browser::find();
         if found.is_none() {
             cardiotwin_not_tested::not_tested(
                 "browser",
                 "no Chromium in PATH; `make deps` installs it",
             );
         }
-        found.map(|program| Self { program })
+        found.map(|browser| Self {
+            program: browser.program().to_owned(),
+        })
     }
 
     /// Opens a page (`file`, with a fragment) and returns its DOM and console.

@@ -4,9 +4,9 @@
 pub struct Asset {
     /// Path in the address.
     pub path: &'static str,
-    /// Media type.
+    /// Value of the header `Content-Type`.
     pub kind: &'static str,
-    /// Content.
+    /// Content of the file, compiled into the program.
     pub text: &'static str,
 }
 
@@ -19,7 +19,7 @@ pub const JS: &str = "text/javascript; charset=utf-8";
 
 macro_rules! assets {
     ($($path:literal $kind:ident $file:literal;)*) => {
-        /// All files.
+        /// Every file that the server has, whoever asks.
         pub const ALL: &[Asset] = &[$(Asset { path: $path, kind: $kind, text: include_str!(concat!("../assets/", $file)) },)*];
     };
 }

@@ -41,16 +41,16 @@ fn message(before: Option<&CohortState>, now: &CohortState, trouble: Option<&str
     let old: HashMap<&str, &PatientRow> = before
         .into_iter()
         .flat_map(|state| &state.patients)
-        .map(|row| (row.patient.as_str(), row))
+        .map(|row| (row.status.patient.as_str(), row))
         .collect();
     let patients: Vec<&PatientRow> = now
         .patients
         .iter()
-        .filter(|row| old.get(row.patient.as_str()) != Some(row))
+        .filter(|row| old.get(row.status.patient.as_str()) != Some(row))
         .collect();
     let mut gone = old;
     for row in &now.patients {
-        gone.remove(row.patient.as_str());
+        gone.remove(row.status.patient.as_str());
     }
     let mut gone: Vec<&str> = gone.into_keys().collect();
     gone.sort_unstable();
@@ -223,23 +223,21 @@ impl Hub {
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_schemas::status::PatientState;
+    use cardiotwin_schemas::status::{PatientState, PatientStatus};
     use serde_json::Value;
 
     use super::*;
 
     fn row(patient: &str, note: &str) -> PatientRow {
         PatientRow {
-            patient: patient.into(),
-            step: "step-1".into(),
-            state: PatientState::Running,
-            iteration: None,
-            step1_cost: None,
-            step1_quality: None,
-            step2_cost: None,
+            status: PatientStatus {
+                patient: patient.into(),
+                step: "step-1".into(),
+                state: PatientState::Running,
+                note: note.into(),
+                ..PatientStatus::default()
+            },
             since_ms: 0,
-            failure_class: None,
-            note: note.into(),
         }
     }
 

@@ -33,9 +33,9 @@ const HEADERS: [(header::HeaderName, &str); 5] = [
 
 /// What the answers are made from.
 pub struct Shared<S> {
-    /// The run.
+    /// Answers about the run, of which every request asks its own.
     pub source: Arc<S>,
-    /// Its updates.
+    /// Updates of the run, read once for all browsers.
     pub hub: Arc<Hub>,
     /// The secret of this server.
     pub token: Token,

@@ -3,9 +3,8 @@
 use std::collections::BTreeMap;
 use std::future::Future;
 
-use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::heart::HeartSurface;
-use cardiotwin_schemas::status::{ClusterStatus, PatientState, RefusedPatient};
+use cardiotwin_schemas::status::{ClusterStatus, PatientState, PatientStatus, RefusedPatient};
 use serde::Serialize;
 
 /// A run that can be looked at. Its answers change nothing.
@@ -107,26 +106,12 @@ pub struct Estimate {
 /// A row of the cohort's table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatientRow {
-    /// Pseudonym of the patient.
-    pub patient: String,
-    /// Step of the chain.
-    pub step: String,
-    /// State of the patient.
-    pub state: PatientState,
-    /// Number of iterations of step 1 so far, and its limit.
-    pub iteration: Option<(u32, u32)>,
-    /// Best cost of step 1 so far.
-    pub step1_cost: Option<f64>,
-    /// Quality of step 1.
-    pub step1_quality: Option<String>,
-    /// Cost of step 2.
-    pub step2_cost: Option<f64>,
+    /// Columns that `status` shows. `for_s` is 0, since it follows from `since_ms`: a moment stands
+    /// still, unlike a duration, so that unchanged rows stay equal.
+    #[serde(flatten)]
+    pub status: PatientStatus,
     /// Beginning of the present state, milliseconds since 1970.
     pub since_ms: i64,
-    /// Class of the failure, if the patient failed.
-    pub failure_class: Option<FailureClass>,
-    /// Text for people.
-    pub note: String,
 }
 
 /// Results of a patient.

@@ -31,6 +31,41 @@ pub async fn assignments(run_dir: &Path) -> Result<Vec<String>, CliError> {
     Ok(as_assignments(&kept))
 }
 
+/// Options of a command over those that its run keeps.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Choice {
+    /// Choice of the last command in this run; `None` where there is no run or it keeps none.
+    pub before: Option<Chosen>,
+    /// Kept options that still apply, whether given again or not.
+    pub kept: BTreeMap<String, String>,
+    /// Value of every chosen option, which the run keeps from now on.
+    pub set: BTreeMap<String, String>,
+}
+
+/// Options `given` over those that the run keeps, without those of `unset`. Says which kept ones
+/// apply.
+///
+/// # Errors
+/// As [`chosen`] and [`without`].
+pub async fn choose(
+    run_dir: &Path,
+    unset: &[String],
+    given: &[String],
+    talk: &Talk,
+) -> Result<Choice, CliError> {
+    let before = chosen(run_dir).await?;
+    let kept = before
+        .as_ref()
+        .map_or_else(BTreeMap::new, |c| c.set.clone());
+    let kept = without(kept, unset)?;
+    say(&kept, given, talk);
+    Ok(Choice {
+        before,
+        set: with(kept.clone(), given),
+        kept,
+    })
+}
+
 /// As assignments `key=value`.
 #[must_use]
 pub fn as_assignments(kept: &BTreeMap<String, String>) -> Vec<String> {
@@ -43,7 +78,7 @@ pub fn as_assignments(kept: &BTreeMap<String, String>) -> Vec<String> {
 ///
 /// # Errors
 /// [`CliError::Usage`] for an option that the run does not keep.
-pub fn without(
+fn without(
     mut kept: BTreeMap<String, String>,
     unset: &[String],
 ) -> Result<BTreeMap<String, String>, CliError> {
@@ -63,8 +98,7 @@ pub fn without(
 }
 
 /// Kept options with the assignments `given` in the place of theirs.
-#[must_use]
-pub fn with(mut kept: BTreeMap<String, String>, given: &[String]) -> BTreeMap<String, String> {
+fn with(mut kept: BTreeMap<String, String>, given: &[String]) -> BTreeMap<String, String> {
     for assignment in given {
         if let Some((key, value)) = assignment.split_once('=') {
             kept.insert(key.trim().to_owned(), value.trim().to_owned());
@@ -74,7 +108,7 @@ pub fn with(mut kept: BTreeMap<String, String>, given: &[String]) -> BTreeMap<St
 }
 
 /// Says which kept options apply, because they are not given again.
-pub fn say(kept: &BTreeMap<String, String>, given: &[String], talk: &Talk) {
+fn say(kept: &BTreeMap<String, String>, given: &[String], talk: &Talk) {
     let given = with(BTreeMap::new(), given);
     let silent: Vec<String> = kept
         .iter()

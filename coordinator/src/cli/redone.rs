@@ -7,33 +7,40 @@ use std::path::Path;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, TaskRecord};
+use serde_json::Value;
 
 use super::error::CliError;
 use super::table::duration;
 use super::talk::{Talk, count, harmless};
-use crate::engine::{self, Chosen, Foreseen, Reader, Stage, Step};
+use crate::engine::{self, Chosen, Foreseen, LeafChange, Reader, Stage, Step};
 use crate::input::Merged;
 
-/// Settings of the execution, which redo nothing.
-const EXECUTION: &str = "executor.";
+/// Beginning of the keys of the execution's settings, which redo nothing.
+pub const EXECUTION: &str = "executor.";
 
-/// Lines about settings that differ from those of the last run, in the order of their keys: key, old
-/// and new value, and the layer of the new one. Empty without a last run.
-pub fn changed(chosen: Option<&Chosen>, now: &Merged) -> Vec<String> {
-    let Some(before) = chosen
-        .map(|chosen| &chosen.settings)
-        .filter(|before| before.is_object())
-    else {
+/// Leaves of the settings that differ from those of the last run, in the order of their keys, without
+/// those of the execution. Empty without a last run.
+pub fn leaves(before: Option<&Chosen>, now: &Value) -> Vec<LeafChange> {
+    let Some(before) = before.map(|chosen| &chosen.settings) else {
         return Vec::new();
     };
-    let changes = engine::leaf_changes(before, &now.value);
-    let of_results = changes.iter().filter(|c| !c.path.starts_with(EXECUTION));
-    of_results
-        .map(|change| {
-            let key = change.path.split('[').next().unwrap_or_default();
-            format!("  {} ({})", change.words(), now.origin(key))
-        })
+    if !before.is_object() {
+        return Vec::new();
+    }
+    let changes = engine::leaf_changes(before, now).into_iter();
+    changes
+        .filter(|change| !change.path.starts_with(EXECUTION))
         .collect()
+}
+
+/// Lines about settings that differ from those of the last run: key, old and new value, and the layer
+/// of the new one.
+pub fn changed(before: Option<&Chosen>, now: &Merged) -> Vec<String> {
+    let line = |change: LeafChange| {
+        let key = change.path.split('[').next().unwrap_or_default();
+        format!("  {} ({})", change.words(), now.origin(key))
+    };
+    leaves(before, &now.value).into_iter().map(line).collect()
 }
 
 /// A finished task's step, and the wall time that it took \[s\].
@@ -64,20 +71,21 @@ fn cost(record: &PatientRecord, from: Step) -> (usize, f64) {
 /// Text about the finished work that changed settings would compute again; `None` if nothing is.
 ///
 /// - `changes`: lines about the settings, of [`changed`]
+/// - `plans`: called only where settings changed, because a cohort's plans are large
 /// - `only`: patients that are worked on; empty means all
 ///
 /// # Errors
 /// Errors of the store.
 pub async fn told(
     run_dir: &Path,
-    plans: &[ResolvedPatient],
+    plans: impl FnOnce() -> Vec<ResolvedPatient>,
     only: &[String],
     changes: &[String],
 ) -> Result<Option<String>, CliError> {
     if changes.is_empty() {
         return Ok(None);
     }
-    let foreseen = engine::foresee(run_dir, plans).await?;
+    let foreseen = engine::foresee(run_dir, &plans()).await?;
     let is_wanted = |id: &PatientId| only.is_empty() || only.iter().any(|one| one == id.as_str());
     let redone: BTreeMap<&PatientId, Step> = foreseen
         .iter()

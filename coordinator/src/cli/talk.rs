@@ -157,20 +157,10 @@ impl Talk {
 
     /// Prints an error with the chain of its causes in one line, even if the program is quiet.
     pub fn error(&self, error: &dyn std::error::Error) {
-        let mut text = error.to_string();
-        let mut cause = error.source();
-        while let Some(inner) = cause {
-            let words = inner.to_string();
-            // Transparent wrappers repeat the text of their cause.
-            if !text.ends_with(&words) {
-                text.push_str(": ");
-                text.push_str(&words);
-            }
-            cause = inner.source();
-        }
         self.insist(&format!(
-            "{}: {text}",
-            paint(self.colour_err, Tone::Bad, "error")
+            "{}: {}",
+            paint(self.colour_err, Tone::Bad, "error"),
+            with_causes(error)
         ));
     }
 
@@ -181,6 +171,23 @@ impl Talk {
             paint(self.colour_err, Tone::Quiet, "hint")
         ));
     }
+}
+
+/// An error with the chain of its causes in one line, outermost first.
+#[must_use]
+pub fn with_causes(error: &dyn std::error::Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(inner) = cause {
+        let words = inner.to_string();
+        // Transparent wrappers repeat the text of their cause.
+        if !text.ends_with(&words) {
+            text.push_str(": ");
+            text.push_str(&words);
+        }
+        cause = inner.source();
+    }
+    text
 }
 
 /// `text` in the colour of `tone` if `on`.

@@ -18,7 +18,7 @@ use crate::results::{PatientView, Signals, Step};
 /// Results of one patient so far.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatientTables {
-    /// Format version.
+    /// Version of [`PATIENT_TABLES`].
     pub schema_version: u32,
     /// State of the patient.
     pub status: PatientStatus,

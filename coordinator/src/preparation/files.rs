@@ -60,18 +60,12 @@ fn time(ms: f64) -> String {
 /// Table of all beats: onset, length, whether the beat is part of the mean, and why not.
 fn beats(folder: &RawFolder, prepared: &Prepared) -> String {
     let mut text = "beat,onset_ms,length_ms,kept,kind,reasons\n".to_owned();
-    for (idx, (beat, reasons)) in prepared
-        .found
-        .beats
-        .iter()
-        .zip(&prepared.reasons)
-        .enumerate()
-    {
+    for (number, beat, reasons) in prepared.judged() {
         let why: Vec<String> = reasons.iter().map(ToString::to_string).collect();
         let _ = writeln!(
             text,
             "{},{:.2},{:.2},{},{},\"{}\"",
-            idx + 1,
+            number,
             folder.recording.begin_ms + beat.onset_ms,
             beat.length_ms,
             if reasons.is_empty() { "yes" } else { "no" },

@@ -65,14 +65,10 @@ pub fn make(folder: &RawFolder, id: &str) -> Result<Made, PrepareError> {
 fn beats(folder: &RawFolder, prepared: &Prepared) -> BeatsFound {
     let begin = folder.recording.begin_ms;
     let left_out: Vec<BeatLeftOut> = prepared
-        .found
-        .beats
-        .iter()
-        .zip(&prepared.reasons)
-        .enumerate()
-        .filter_map(|(idx, (beat, reasons))| {
+        .judged()
+        .filter_map(|(number, beat, reasons)| {
             Some(BeatLeftOut {
-                number: idx + 1,
+                number,
                 onset_ms: begin + beat.onset_ms,
                 length_ms: beat.length_ms,
                 kind: reasons.first()?.kind().to_owned(),

@@ -27,5 +27,5 @@ pub fn script() -> &'static str {
 /// Viewer of the beating heart: a script that defines `cardiotwinHeart`.
 #[must_use]
 pub fn heart_viewer() -> &'static str {
-    include_str!("heart.js")
+    page::HEART_JS
 }

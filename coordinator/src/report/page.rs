@@ -17,7 +17,8 @@ pub const JS: &str = include_str!("report.js");
 /// fails leaves the others.
 const TABLES_JS: &str = include_str!("tables.js");
 const PLAYER_JS: &str = include_str!("player.js");
-const HEART_JS: &str = include_str!("heart.js");
+/// Viewer of the beating heart, which defines `cardiotwinHeart`.
+pub const HEART_JS: &str = include_str!("heart.js");
 /// Script that sets the theme before anything is drawn, so that a dark page never flashes white.
 /// `#dark` and `#light` in the address override the stored theme.
 const THEME_JS: &str = "(function(){var h=location.hash.slice(1),t=h==='dark'||h==='light'?h:null;\

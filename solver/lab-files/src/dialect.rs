@@ -15,7 +15,7 @@ const FEWEST: usize = 2;
 pub struct Dialect {
     /// Byte between the cells.
     pub separator: u8,
-    /// Decimal sign.
+    /// Sign between the digits before and after the decimal place.
     pub decimal: Decimal,
     /// Index of the header's line, from 0; `None` where numbers have no header.
     pub header: Option<usize>,

@@ -46,6 +46,16 @@ pub struct Prepared {
     pub volume: Option<PreparedVolume>,
 }
 
+impl Prepared {
+    /// Every beat that was detected: its number from 1, and the reasons against it.
+    pub fn judged(&self) -> impl Iterator<Item = (usize, &Beat, &[Reason])> {
+        let judged = self.found.beats.iter().zip(&self.reasons);
+        (1..)
+            .zip(judged)
+            .map(|(number, (beat, reasons))| (number, beat, &reasons[..]))
+    }
+}
+
 /// The volume, with the results of each step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PreparedVolume {

@@ -76,6 +76,12 @@ impl Browser {
         Some(Self { program })
     }
 
+    /// Path of the program.
+    #[must_use]
+    pub fn program(&self) -> &Path {
+        &self.program
+    }
+
     /// Opens an address.
     ///
     /// # Errors

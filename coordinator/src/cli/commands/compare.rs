@@ -13,6 +13,7 @@ use serde::Serialize;
 use crate::cli::error::CliError;
 use crate::cli::exit::Exit;
 use crate::cli::place::Folders;
+use crate::cli::redone;
 use crate::cli::store::open;
 use crate::cli::table::{Columns, optional, percent};
 use crate::cli::talk::{Talk, count};
@@ -21,8 +22,6 @@ use crate::results::{PatientView, Step};
 
 /// Number of differences that are shown unless all are asked for.
 const LARGEST: usize = 20;
-/// Settings of the execution, which do not change results.
-const EXECUTION: &str = "executor.";
 
 /// Compare two runs: settings, then costs, biomarkers and parameters of each patient, the largest
 /// differences first
@@ -190,13 +189,16 @@ fn table(rows: &[&Row], talk: &Talk) -> String {
 /// Settings that differ in at least one patient, by key and values.
 fn settings(pairs: &[(&PatientRecord, &PatientRecord)]) -> Vec<SettingRow> {
     let mut rows: BTreeMap<String, SettingRow> = BTreeMap::new();
-    for (before, after) in pairs {
+    let differing = pairs
+        .iter()
+        .filter(|(before, after)| before.plan.settings != after.plan.settings);
+    for (before, after) in differing {
         let of = |patient: &PatientRecord| serde_json::to_value(&*patient.plan.settings);
         let (Ok(old), Ok(new)) = (of(before), of(after)) else {
             continue;
         };
         for change in engine::leaf_changes(&old, &new) {
-            if change.path.starts_with(EXECUTION) {
+            if change.path.starts_with(redone::EXECUTION) {
                 continue;
             }
             let row = rows.entry(change.words()).or_insert_with(|| SettingRow {

@@ -103,14 +103,10 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     folders
         .refuse_sweep("continue it with `cardiotwin sweep`, see `cardiotwin sweep status DIR`")?;
-    let (chosen, given) = (kept::chosen(&folders.run).await?, args.settings());
-    let before = chosen
-        .as_ref()
-        .map_or_else(Default::default, |c| c.set.clone());
-    let kept = kept::without(before, &args.unset)?;
-    kept::say(&kept, &given, talk);
+    let given = args.settings();
+    let choice = kept::choose(&folders.run, &args.unset, &given, talk).await?;
     let wanted = Wanted {
-        kept: &kept::as_assignments(&kept),
+        kept: &kept::as_assignments(&choice.kept),
         set: &given,
         only: &args.patients,
         meshes: true,
@@ -118,8 +114,9 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         follows_jobs: false,
     };
     let (cohort, refused) = load(&folders, &wanted, talk)?;
-    let changes = redone::changed(chosen.as_ref(), &cohort.settings);
-    let told = redone::told(&folders.run, &cohort.plans(), &args.patients, &changes).await?;
+    let changes = redone::changed(choice.before.as_ref(), &cohort.settings);
+    let plans = || cohort.plans();
+    let told = redone::told(&folders.run, plans, &args.patients, &changes).await?;
     if args.dry_run {
         if let Some(told) = &told {
             talk.data(&format!("{told}\n"))?;
@@ -144,7 +141,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
             .map(|id| PatientId(id.clone()))
             .collect(),
         chosen: Some(Chosen {
-            set: kept::with(kept, &given),
+            set: choice.set,
             settings: cohort.settings.value.clone(),
         }),
         watch: args.watch,

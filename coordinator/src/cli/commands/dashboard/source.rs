@@ -21,6 +21,7 @@ use crate::cli::commands::logs::end_of_logs;
 use crate::cli::error::CliError;
 use crate::cli::place::Folders;
 use crate::cli::store::open;
+use crate::cli::talk::with_causes;
 use crate::clock;
 use crate::engine::{AttemptRecord, Reader, StoreError};
 use crate::report;
@@ -260,15 +261,8 @@ fn of_store(error: StoreError) -> SourceError {
     }
 }
 
-/// An error with its causes in a line.
 fn unreadable(error: &dyn std::error::Error) -> SourceError {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        text += &format!(": {error}");
-        cause = error.source();
-    }
-    SourceError::Unreadable(text)
+    SourceError::Unreadable(with_causes(error))
 }
 
 fn state_of(status: Status, now_ms: i64) -> CohortState {
@@ -292,20 +286,10 @@ fn state_of(status: Status, now_ms: i64) -> CohortState {
     }
 }
 
-fn row(patient: PatientStatus, now_ms: i64) -> PatientRow {
-    PatientRow {
-        patient: patient.patient,
-        step: patient.step,
-        state: patient.state,
-        iteration: patient.iteration,
-        step1_cost: patient.step1_cost,
-        step1_quality: patient.step1_quality,
-        step2_cost: patient.step2_cost,
-        // A moment stands still, unlike a duration, so that unchanged rows stay equal.
-        since_ms: now_ms - (patient.for_s * 1e3).round() as i64,
-        failure_class: patient.failure_class,
-        note: patient.note,
-    }
+fn row(mut status: PatientStatus, now_ms: i64) -> PatientRow {
+    let since_ms = now_ms - (status.for_s * 1e3).round() as i64;
+    status.for_s = 0.0;
+    PatientRow { status, since_ms }
 }
 
 fn name_of(attempt: &AttemptRecord) -> String {

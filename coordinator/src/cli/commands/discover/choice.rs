@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use cardiotwin_schemas::plan::ResolvedPatient;
 use serde_json::{Value, json};
 
 use super::args::DiscoverArgs;
@@ -11,7 +12,7 @@ use crate::cli::kept;
 use crate::cli::redone;
 use crate::cli::talk::Talk;
 use crate::discovery::FOLDER;
-use crate::engine::{self, Chosen};
+use crate::engine::Chosen;
 
 /// Names of the kept options, as on the command line.
 const EFFECTS: &str = "effects";
@@ -29,9 +30,7 @@ pub struct Choice {
     pub seed: u64,
     /// Approximate number of nodes of the finite-element mesh; `None` for the cohort's setting.
     pub mesh_nodes: Option<u32>,
-    /// Choice of the last search in this run.
-    before: Option<Chosen>,
-    set: BTreeMap<String, String>,
+    options: kept::Choice,
 }
 
 impl Choice {
@@ -43,16 +42,12 @@ impl Choice {
     pub async fn of(args: &DiscoverArgs, talk: &Talk) -> Result<Self, CliError> {
         let run_dir = args.run_dir.clone();
         let run_dir = run_dir.unwrap_or_else(|| args.folder.join(FOLDER));
-        let before = kept::chosen(&run_dir).await?;
-        let stored = before
-            .as_ref()
-            .map_or_else(Default::default, |c| c.set.clone());
-        let (stored, given) = (kept::without(stored, &args.unset)?, given(args));
-        kept::say(&stored, &given, talk);
-        Ok(Self::from(kept::with(stored, &given), before))
+        let options = kept::choose(&run_dir, &args.unset, &given(args), talk).await?;
+        Ok(Self::from(options))
     }
 
-    fn from(set: BTreeMap<String, String>, before: Option<Chosen>) -> Self {
+    fn from(options: kept::Choice) -> Self {
+        let set = &options.set;
         let effects = set.get(EFFECTS).map_or("", String::as_str).split(',');
         Self {
             effects: effects
@@ -60,10 +55,9 @@ impl Choice {
                 .filter(|name| !name.is_empty())
                 .map(str::to_owned)
                 .collect(),
-            seed: number(&set, SEED).unwrap_or(DEFAULT_SEED),
-            mesh_nodes: number(&set, MESH_NODES),
-            before,
-            set,
+            seed: number(set, SEED).unwrap_or(DEFAULT_SEED),
+            mesh_nodes: number(set, MESH_NODES),
+            options,
         }
     }
 
@@ -71,7 +65,7 @@ impl Choice {
     #[must_use]
     pub fn chosen(&self) -> Chosen {
         Chosen {
-            set: self.set.clone(),
+            set: self.options.set.clone(),
             settings: self.searched(),
         }
     }
@@ -88,15 +82,9 @@ impl Choice {
     /// Lines about the options that differ from those of the last search.
     #[must_use]
     pub fn changes(&self) -> Vec<String> {
-        let before = self.before.as_ref().map(|chosen| &chosen.settings);
-        let Some(before) = before.filter(|before| before.is_object()) else {
-            return Vec::new();
-        };
-        let changes = engine::leaf_changes(before, &self.searched());
-        changes
-            .iter()
-            .map(|c| format!("  --{}", c.words()))
-            .collect()
+        let changes = redone::leaves(self.options.before.as_ref(), &self.searched());
+        let lines = changes.iter().map(|c| format!("  --{}", c.words()));
+        lines.collect()
     }
 
     /// Says which finished searches would be done again, and asks for consent.
@@ -106,10 +94,10 @@ impl Choice {
     pub async fn ask(
         &self,
         run_dir: &Path,
-        members: &[cardiotwin_schemas::plan::ResolvedPatient],
+        members: &[ResolvedPatient],
         (yes, talk): (bool, &Talk),
     ) -> Result<(), CliError> {
-        match redone::told(run_dir, members, &[], &self.changes()).await? {
+        match redone::told(run_dir, || members.to_vec(), &[], &self.changes()).await? {
             Some(told) => redone::consent(&told, yes, talk),
             None => Ok(()),
         }
@@ -141,16 +129,23 @@ mod tests {
                 .map(|(k, v)| ((*k).to_owned(), (*v).to_owned()))
                 .collect()
         };
-        let first = Choice::from(
+        let of = |set, before| {
+            Choice::from(kept::Choice {
+                before,
+                set,
+                ..kept::Choice::default()
+            })
+        };
+        let first = of(
             set(&[(EFFECTS, "atrial_kick,viscoelasticity"), (SEED, "7")]),
             None,
         );
         assert_eq!(first.effects, ["atrial_kick", "viscoelasticity"]);
         assert_eq!((first.seed, first.mesh_nodes), (7, None));
         assert!(first.changes().is_empty());
-        let again = Choice::from(first.chosen().set, Some(first.chosen()));
+        let again = of(first.chosen().set, Some(first.chosen()));
         assert!(again.changes().is_empty());
-        let plain = Choice::from(BTreeMap::new(), Some(first.chosen()));
+        let plain = of(BTreeMap::new(), Some(first.chosen()));
         assert_eq!(
             plain.changes(),
             [

@@ -19,7 +19,7 @@ use crate::cli::talk::{Talk, Tone};
 use crate::engine::{JobRecord, StepExplanation, Task};
 use crate::input::{self, Options, Patient, Report};
 use pending::Pending;
-use places::places;
+use places::{line, places};
 
 /// Explain the state of a patient's tasks: dependencies, changed settings and files, and the layer
 /// or line that sets them
@@ -211,12 +211,7 @@ fn text(
             step.step
         ));
         for change in &step.changes {
-            text.push_str(&format!("  {}", change.words()));
-            let places = places(change, patient, files);
-            if !places.is_empty() {
-                text.push_str(&format!("   ({})", places.join("; ")));
-            }
-            text.push('\n');
+            text.push_str(&line(change, &places(change, patient, files)));
         }
     }
     text

@@ -4,16 +4,17 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use serde::Serialize;
 
-use super::places::places;
+use super::places::{line, places};
 use crate::cli::error::CliError;
 use crate::cli::place::Folders;
+use crate::cli::redone::EXECUTION;
 use crate::cli::talk::count;
 use crate::engine::{self, Foreseen, LeafChange};
 use crate::input::Patient;
 
-/// Beginnings of the paths of values that do not change results.
-const EXECUTION: &str = "settings.executor.";
-/// Paths of files, which are known by their content.
+/// Beginning of the paths of settings in a plan.
+const SETTINGS: &str = "settings.";
+/// Ending of the paths of files, which are known by their content.
 const FILE: &str = ".path";
 
 /// Changes that the next run would apply to a patient.
@@ -52,7 +53,7 @@ impl Pending {
         let json = |plan: &ResolvedPatient| serde_json::to_value(plan).unwrap_or_default();
         let changes: Vec<PlacedChange> = engine::leaf_changes(&json(before), &json(now))
             .into_iter()
-            .filter(|change| !change.path.starts_with(EXECUTION) && !change.path.ends_with(FILE))
+            .filter(|change| changes_results(&change.path))
             .map(|change| PlacedChange {
                 set_in: places(&change, Some(patient), &files(now)),
                 change,
@@ -82,14 +83,17 @@ impl Pending {
         let n = count(self.changes.len(), "value");
         let mut text = format!("\nnot run yet: {n} changed since the last run; {effect}:\n");
         for placed in &self.changes {
-            text.push_str(&format!("  {}", placed.change.words()));
-            if !placed.set_in.is_empty() {
-                text.push_str(&format!("   ({})", placed.set_in.join("; ")));
-            }
-            text.push('\n');
+            text.push_str(&line(&placed.change, &placed.set_in));
         }
         text
     }
+}
+
+/// Whether results may depend on a value of the plan: settings of the execution and the places of
+/// files change none.
+fn changes_results(path: &str) -> bool {
+    let setting = path.strip_prefix(SETTINGS).unwrap_or_default();
+    !setting.starts_with(EXECUTION) && !path.ends_with(FILE)
 }
 
 /// Measured files of a plan: their names in it, and their paths.

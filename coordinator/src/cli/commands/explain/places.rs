@@ -36,3 +36,12 @@ pub fn places(
     }
     places
 }
+
+/// A line with key, both values, and the places that set the new one.
+pub fn line(change: &LeafChange, set_in: &[String]) -> String {
+    let words = change.words();
+    match set_in {
+        [] => format!("  {words}\n"),
+        _ => format!("  {words}   ({})\n", set_in.join("; ")),
+    }
+}

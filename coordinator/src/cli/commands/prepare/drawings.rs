@@ -72,18 +72,12 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
         band: [shifted(-1.0), shifted(1.0)],
         ..BeatLines::default()
     };
-    for (idx, (beat, reasons)) in prepared
-        .found
-        .beats
-        .iter()
-        .zip(&prepared.reasons)
-        .enumerate()
-    {
+    for (number, beat, reasons) in prepared.judged() {
         match reasons.first() {
             None => found.kept.push(line(beat)),
             Some(reason) => found
                 .left_out
-                .push((format!("beat {}: {reason}", idx + 1), line(beat))),
+                .push((format!("beat {number}: {reason}"), line(beat))),
         }
     }
     let kinds: BTreeSet<&str> = prepared
@@ -142,13 +136,7 @@ pub fn recording(folder: &RawFolder, made: &Made) -> RecordingLines {
     };
     let mut lines = RecordingLines::default();
     let mut last = 0;
-    for (idx, (beat, reasons)) in prepared
-        .found
-        .beats
-        .iter()
-        .zip(&prepared.reasons)
-        .enumerate()
-    {
+    for (number, beat, reasons) in prepared.judged() {
         let from = (beat.onset_ms / recording.step_ms).max(0.0) as usize;
         let to = ((beat.onset_ms + beat.length_ms) / recording.step_ms) as usize;
         if from > last + 1 {
@@ -159,7 +147,7 @@ pub fn recording(folder: &RawFolder, made: &Made) -> RecordingLines {
             None => lines.kept.push(line(from, to)),
             Some(reason) => lines
                 .left_out
-                .push((format!("beat {}: {reason}", idx + 1), line(from, to))),
+                .push((format!("beat {number}: {reason}"), line(from, to))),
         }
     }
     if last + 1 < n {

@@ -140,27 +140,20 @@ pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliErro
             .join(format!("robustness-{}", args.kind.over().word()))
     });
     let before = before(args.kind.over(), &out)?;
-    let chosen = kept::chosen(&out).await?;
-    let given = args.given();
-    let kept = chosen
-        .as_ref()
-        .map_or_else(Default::default, |c| c.set.clone());
-    let kept = kept::without(kept, &args.unset)?;
-    kept::say(&kept, &given, talk);
-    let set = kept::with(kept, &given);
-    let cohort = load(args, &set, before.as_ref(), talk)?;
+    let choice = kept::choose(&out, &args.unset, &args.given(), talk).await?;
+    let cohort = load(args, &choice.set, before.as_ref(), talk)?;
     let spec = specification(args, before.as_ref(), &cohort, &out)?;
     let plans = cohort.plans();
     let members = members(&spec, &plans)?;
     let mut summary = None;
     if !args.results_only {
-        let changes = redone::changed(chosen.as_ref(), &cohort.settings);
-        if let Some(told) = redone::told(&out, &members, &[], &changes).await? {
+        let changes = redone::changed(choice.before.as_ref(), &cohort.settings);
+        if let Some(told) = redone::told(&out, || members.clone(), &[], &changes).await? {
             redone::consent(&told, args.yes, talk)?;
         }
         take(&out, &spec)?;
         let chosen = Chosen {
-            set,
+            set: choice.set,
             settings: cohort.settings.value.clone(),
         };
         let ran = run(args, &cohort, (&out, chosen), members, talk).await?;
