@@ -422,7 +422,8 @@ pub struct ExecutorSettings {
     #[schemars(range(min = 0, max = 100))]
     pub site_retries: u32,
     /// Simulated time between frames of the series of VTU files that each beat of the
-    /// finite-element ventricle writes; 0 for no series.
+    /// finite-element ventricle writes; 0 for the first and last frame of beats with the fitted
+    /// cell, and no others.
     #[serde(skip_serializing_if = "crate::absent::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e5))]
     pub vtu_every_ms: f64,

@@ -379,8 +379,8 @@ pub struct AttemptSpec {
     /// Instructions of the cell engine.
     #[serde(default, skip_serializing_if = "InstructionSet::is_auto")]
     pub instruction_set: InstructionSet,
-    /// Simulated time between frames of the series of VTU files of a finite-element beat; 0 for no
-    /// series.
+    /// Simulated time between frames of the series of VTU files of a finite-element beat; 0 for the
+    /// first and last frame of a beat with a cell model, and no others.
     #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
     pub vtu_every_ms: f64,
     /// Work to be done.

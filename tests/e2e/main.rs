@@ -27,6 +27,7 @@ mod requests;
 mod robustness;
 mod runs;
 mod schema;
+mod status_page;
 mod stops;
 mod support;
 mod sweeps;

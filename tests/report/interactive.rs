@@ -53,12 +53,7 @@ fn the_heart_beats_turns_and_changes_its_colours() {
         return;
     };
     let (_folder, out) = in_3d::written();
-    // The browser's virtual time passes without frames, so timers stand in for them.
-    let page = std::fs::read_to_string(&out).unwrap();
-    let timers = "<script>requestAnimationFrame = (act) => setTimeout(() => act(performance.now()), 16);</script></head>";
-    std::fs::write(&out, page.replacen("</head>", timers, 1)).unwrap();
-    let visit = browser.visit(&out, "#dark", WINDOW);
-    assert!(visit.console.is_empty(), "{:?}", visit.console);
+    assert_eq!(browser.complaints(&out, "#dark", WINDOW), [""; 0]);
     let found = measure(
         &browser,
         &out,
@@ -319,8 +314,11 @@ fn the_summary_prints_on_two_sheets() {
         write_report(&run, None, Pages::All, &out).unwrap();
         let sheets = browser.printed(&out, "#summary", &folder.path().join("summary.pdf"));
         assert_eq!(sheets, 2, "{name}");
-        let all = browser.printed(&out, "", &folder.path().join("all.pdf"));
-        assert!(all > 2, "{name}: {all} sheets");
+        // Printing all pages of a large cohort takes a minute.
+        if name == "seven" {
+            let all = browser.printed(&out, "", &folder.path().join("all.pdf"));
+            assert!(all > 2, "{all} sheets");
+        }
     }
 }
 

@@ -10,6 +10,7 @@ mod traces;
 
 use std::path::{Path, PathBuf};
 
+use base64::Engine as _;
 use browser::Browser;
 use cardiotwin::report::{ONE_FILE, Pages, shows, write_report};
 use regex::Regex;
@@ -270,8 +271,7 @@ fn every_plot_is_drawn_inside_its_area_and_nothing_complains() {
     };
     let (_folder, out) = seven();
     for fragment in ["", "#dark"] {
-        let visit = browser.visit(&out, fragment, WIDE);
-        assert!(visit.console.is_empty(), "{:?}", visit.console);
+        assert_eq!(browser.complaints(&out, fragment, WIDE), [""; 0]);
     }
     for window in [WIDE, NARROW] {
         let plots = browser.measure(&out, "", window, PLOTS);
@@ -317,8 +317,8 @@ fn a_screenshot_shows_every_line_in_both_themes() {
         ("#dark", [0x15, 0x18, 0x1c], dark),
     ] {
         let png = folder.path().join("screen.png");
-        let _ = std::fs::remove_file(&png);
-        browser.screenshot(&out, theme, WIDE, &png);
+        let mut page = browser.open(&out, theme, WIDE);
+        page.photograph(&png).unwrap();
         let plots = browser.measure(&out, theme, WIDE, PLOTS);
         let seen = colours_in(&browser, folder.path(), &png, &plots, background, &colours);
         let traces: Vec<&Value> = seen
@@ -367,7 +367,7 @@ fn colours_in(
     colours: &[[u8; 3]; 3],
 ) -> Vec<Value> {
     let page = folder.join("colours.html");
-    let image = browser::base64(&std::fs::read(png).unwrap());
+    let image = base64::engine::general_purpose::STANDARD.encode(std::fs::read(png).unwrap());
     std::fs::write(
         &page,
         format!("<!doctype html><meta charset=utf-8><body><img src='data:image/png;base64,{image}'></body>"),

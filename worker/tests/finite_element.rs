@@ -3,7 +3,7 @@
 
 mod support;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
@@ -506,7 +506,32 @@ fn potentials_come_after_the_beat_where_they_are_asked_for() {
         median(1),
         median(121)
     );
+    the_twin_is_left_for_paraview(folder.path(), &state);
     long_steps_in_late_filling_leave_every_row(folder.path(), &state);
+}
+
+/// Without a series, a beat with the fitted cell leaves its first and last frame for ParaView, and
+/// a beat of step 1 leaves none.
+fn the_twin_is_left_for_paraview(folder: &Path, state: &PassiveStateResult) {
+    assert!(!folder.join("vtu").exists(), "a beat of step 1");
+    let own = folder.join("twin");
+    std::fs::create_dir(&own).unwrap();
+    let spec = OrganBeatSpec {
+        contraction: ContractionSpec::Land2017Rice {
+            parameters: BTreeMap::new(),
+            lambda_0: 1.0,
+        },
+        ..beat(state, 120.0)
+    };
+    finished(run(&spec, &mut Context::plain(&own, 1)));
+    let index = String::from_utf8(read(&own, "vtu/beat.pvd")).unwrap();
+    for (k, time) in ["0", "120"].iter().enumerate() {
+        let file = format!("beat-{k:05}.vtu");
+        let line = format!("timestep=\"{time}\" part=\"0\" file=\"{file}\"");
+        assert!(index.contains(&line), "{line} is not in {index}");
+        assert!(own.join("vtu").join(&file).is_file(), "{file}");
+    }
+    assert_eq!(index.matches("DataSet").count(), 2);
 }
 
 fn long_steps_in_late_filling_leave_every_row(folder: &Path, state: &PassiveStateResult) {

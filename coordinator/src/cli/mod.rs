@@ -5,6 +5,7 @@ mod access;
 mod answer;
 mod commands;
 mod error;
+mod estimate;
 mod event_log;
 mod exit;
 mod kept;
@@ -21,6 +22,7 @@ mod table;
 mod talk;
 #[cfg(test)]
 mod tests;
+mod time_left;
 mod ventricle;
 mod vtu;
 

@@ -1,13 +1,14 @@
 //! Progress display of a run: bars on a terminal, plain lines elsewhere.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::ids::PatientId;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use super::event_log;
 use super::talk::{Talk, Tone, harmless, paint};
+use super::time_left::TimeLeft;
 use crate::engine::{EngineEvent, PatientEnding};
 
 /// Display of engine events.
@@ -21,7 +22,14 @@ struct Bars {
     all: MultiProgress,
     overall: ProgressBar,
     patients: BTreeMap<PatientId, ProgressBar>,
+    left: TimeLeft,
+    /// Time of the last estimate of the run's end.
+    estimated: Option<Instant>,
+    is_stopping: bool,
 }
+
+/// Time between two estimates of the run's end.
+const PERIOD: Duration = Duration::from_secs(1);
 
 impl Watcher {
     /// A watcher with bars on a terminal and without bars elsewhere. `members` is the plural noun
@@ -39,6 +47,9 @@ impl Watcher {
                 all,
                 overall,
                 patients: BTreeMap::new(),
+                left: TimeLeft::default(),
+                estimated: None,
+                is_stopping: false,
             }
         });
         Self {
@@ -83,6 +94,12 @@ impl Watcher {
 
 impl Bars {
     fn on(&mut self, event: &EngineEvent) {
+        let now = Instant::now();
+        self.left.on(event, now);
+        if !self.is_stopping && self.estimated.is_none_or(|last| now - last >= PERIOD) {
+            self.estimated = Some(now);
+            self.overall.set_message(self.left.of_run(now));
+        }
         match event {
             EngineEvent::Started {
                 patients, settled, ..
@@ -98,15 +115,17 @@ impl Bars {
             EngineEvent::Progress {
                 patient,
                 step,
+                phase,
                 done,
                 total,
                 note,
-                ..
             } => {
+                let left = self.left.of_task(patient, phase, (*done, *total), now);
                 let bar = self.patient(patient);
                 bar.set_length(total.unwrap_or(0.0) as u64);
                 bar.set_position(*done as u64);
-                bar.set_message(harmless(&format!("{step}  {note}")).into_owned());
+                let message = format!("{step}  {note}  {left}");
+                bar.set_message(harmless(message.trim_end()).into_owned());
             }
             EngineEvent::PatientEnded {
                 patient, over, of, ..
@@ -118,7 +137,10 @@ impl Bars {
                 self.overall.set_length(*of as u64);
                 self.overall.set_position(*over as u64);
             }
-            EngineEvent::Stopping { .. } => self.overall.set_message("stopping"),
+            EngineEvent::Stopping { .. } => {
+                self.overall.set_message("stopping");
+                self.is_stopping = true;
+            }
             _ => {}
         }
     }

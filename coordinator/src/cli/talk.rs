@@ -102,14 +102,6 @@ impl Talk {
         Self::write(&mut out, &text)
     }
 
-    /// Clears a terminal.
-    ///
-    /// # Errors
-    /// The same as for [`Talk::data`].
-    pub fn clear_screen(&self) -> Result<(), CliError> {
-        Self::write(&mut std::io::stdout().lock(), "\x1b[H\x1b[2J")
-    }
-
     fn write(out: &mut std::io::StdoutLock<'_>, text: &str) -> Result<(), CliError> {
         match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
             Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {

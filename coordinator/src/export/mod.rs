@@ -3,10 +3,13 @@
 //! network. Columns are named as in `docs/formats.md`.
 
 mod paper;
+mod parquet;
 mod patient_tables;
 pub mod ro_crate;
 mod table;
 mod traces;
+
+use table::Table;
 
 pub use patient_tables::PatientTables;
 
@@ -27,6 +30,33 @@ pub struct Exported {
     pub problems: Vec<String>,
 }
 
+fn tables(run: &RunRecord) -> [Table; 4] {
+    [
+        paper::table_1(run),
+        paper::table_2(run),
+        paper::table_a6(run),
+        paper::table_a7(run),
+    ]
+}
+
+/// Writes the same tables and traces as Parquet files.
+///
+/// # Errors
+/// [`WriteError`] if a file cannot be written. Each file is written atomically.
+pub fn export_parquet(run: &RunRecord, folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
+    std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
+    let mut files = Vec::new();
+    for table in tables(run) {
+        let file = folder.join(format!("{}.parquet", table.name));
+        atomic::write(&file, |out| table.parquet(out)).map_err(WriteError::file(&file))?;
+        files.push(file);
+    }
+    let file = folder.join("traces.parquet");
+    atomic::write(&file, |out| traces::write_parquet(run, out)).map_err(WriteError::file(&file))?;
+    files.push(file);
+    Ok(files)
+}
+
 /// Writes tables and traces of a run into a folder, which is made if it does not exist. Values that
 /// a patient lacks are left empty.
 ///
@@ -35,12 +65,7 @@ pub struct Exported {
 pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, WriteError> {
     std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
     let mut files = Vec::new();
-    for table in [
-        paper::table_1(run),
-        paper::table_2(run),
-        paper::table_a6(run),
-        paper::table_a7(run),
-    ] {
+    for table in tables(run) {
         for (extension, text) in [("csv", table.csv()), ("json", table.json())] {
             let file = folder.join(format!("{}.{extension}", table.name));
             atomic::write(&file, |out| out.write_all(text.as_bytes()))

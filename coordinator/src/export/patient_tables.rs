@@ -146,7 +146,7 @@ impl PatientTables {
             problems: signals.problems,
             beat,
             heart: artefact("heart"),
-            series: artefact("vtu"),
+            series: artefact("series"),
         }
     }
 }

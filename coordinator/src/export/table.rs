@@ -1,7 +1,10 @@
 //! A table of patients with mean and standard deviation, as CSV and as JSON.
 
+use std::io::{self, Write};
+
 use serde_json::{Map, Value, json};
 
+use super::parquet::{Parquet, Values};
 use crate::results::MeanSd;
 
 /// A row of a table. A patient may have several rows that differ in `kind` (measured, step 1, …).
@@ -93,6 +96,31 @@ impl Table {
         }
         String::from_utf8(out.into_inner().expect("memory is flushed"))
             .expect("CSV of text is text")
+    }
+
+    /// Writes the patients' rows as Parquet, with the columns of [`Table::csv`].
+    ///
+    /// # Errors
+    /// Any error of `out`.
+    pub fn parquet(&self, out: &mut (dyn Write + Send)) -> io::Result<()> {
+        let text = |text: &str| Some(text.to_owned());
+        let with_kind = self.rows.iter().any(|r| r.kind.is_some());
+        let mut names = vec!["patient"];
+        let patients = self.rows.iter().map(|row| text(&row.patient));
+        let mut columns = vec![Values::Text(patients.collect())];
+        if with_kind {
+            names.push("row");
+            let kinds = self.rows.iter().map(|row| row.kind.and_then(text));
+            columns.push(Values::Text(kinds.collect()));
+        }
+        for (k, name) in self.columns.iter().enumerate() {
+            names.push(name);
+            let values: Vec<&Value> = self.rows.iter().map(|row| &row.values[k]).collect();
+            columns.push(Values::of(&values));
+        }
+        let mut file = Parquet::begin(out, &names, &columns)?;
+        file.rows(&columns)?;
+        file.end()
     }
 
     /// The table as JSON: `caption`, `columns`, `rows` by patient (and kind), and `mean`, `SD`, `n`

@@ -32,7 +32,7 @@ pub fn write_atomic(path: &Path, content: &[u8]) -> io::Result<()> {
 /// Any error of the file system or of `fill`; `path` then holds its former content.
 pub fn write_with(
     path: &Path,
-    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    fill: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>,
 ) -> io::Result<()> {
     let draft = draft_with(path, fill)?;
     draft.as_file().sync_all()?;
@@ -56,7 +56,7 @@ pub fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
 /// As [`write_with`].
 pub fn replace_with(
     path: &Path,
-    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    fill: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>,
 ) -> io::Result<()> {
     let draft = draft_with(path, fill)?;
     draft.persist(path).map(drop).map_err(|error| error.error)
@@ -173,7 +173,7 @@ fn draft(path: &Path, content: &[u8]) -> io::Result<NamedTempFile> {
 
 fn draft_with(
     path: &Path,
-    fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    fill: impl FnOnce(&mut (dyn Write + Send)) -> io::Result<()>,
 ) -> io::Result<NamedTempFile> {
     let mut draft = empty_draft(path)?;
     let mut buffered = BufWriter::new(draft.as_file_mut());
@@ -250,7 +250,7 @@ mod tests {
     fn a_writer_that_fails_leaves_the_old_file_and_no_draft() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.csv");
-        let half = |out: &mut dyn Write| {
+        let half = |out: &mut (dyn Write + Send)| {
             out.write_all(b"half")?;
             Err(io::Error::other("no space"))
         };

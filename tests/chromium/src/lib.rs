@@ -76,12 +76,6 @@ impl Browser {
         Some(Self { program })
     }
 
-    /// Path of the program.
-    #[must_use]
-    pub fn program(&self) -> &Path {
-        &self.program
-    }
-
     /// Opens an address.
     ///
     /// # Errors
@@ -330,10 +324,17 @@ impl Page {
     /// [`PageError`] if there is no picture or the file cannot be written.
     pub fn photograph(&mut self, file: &Path) -> Result<(), PageError> {
         let shot = self.call("Page.captureScreenshot", json!({"format": "png"}))?;
-        let png = base64::engine::general_purpose::STANDARD
-            .decode(shot["data"].as_str().unwrap_or_default())
-            .map_err(|error| PageError(error.to_string()))?;
-        std::fs::write(file, png).map_err(failed(file.display()))
+        write_decoded(file, &shot)
+    }
+
+    /// Prints the page to a PDF file, with the page's own print style.
+    ///
+    /// # Errors
+    /// [`PageError`] if nothing is printed or the file cannot be written.
+    pub fn print(&mut self, file: &Path) -> Result<(), PageError> {
+        let how = json!({"printBackground": true, "preferCSSPageSize": true});
+        let printed = self.call("Page.printToPDF", how)?;
+        write_decoded(file, &printed)
     }
 
     /// Errors and warnings of the page so far: console, exceptions, refused and failed requests.
@@ -345,6 +346,14 @@ impl Page {
         self.value("1")?;
         Ok(&self.complaints)
     }
+}
+
+/// Writes the `data` of an answer, which is base64.
+fn write_decoded(file: &Path, answer: &Value) -> Result<(), PageError> {
+    let bytes = base64::engine::general_purpose::STANDARD
+        .decode(answer["data"].as_str().unwrap_or_default())
+        .map_err(|error| PageError(error.to_string()))?;
+    std::fs::write(file, bytes).map_err(failed(file.display()))
 }
 
 impl Drop for Page {

@@ -17,7 +17,7 @@ use crate::cli::talk::{Talk, count};
 use crate::discovery;
 use crate::engine::find_worker;
 use crate::export::ro_crate::{self, CrateFile, CrateOptions};
-use crate::export::{Exported, export};
+use crate::export::{Exported, export, export_parquet};
 use crate::report::{Pages, write_report};
 use crate::results::PatientView;
 use crate::results::folder::WholeFolder;
@@ -39,6 +39,9 @@ pub struct ExportArgs {
     /// Folder to write into [default: export in the run's folder]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Write tables and traces as Parquet files, too
+    #[arg(long)]
+    parquet: bool,
     /// Write personalised models, meshes and activation times in openCARP's formats, too
     #[arg(long)]
     opencarp: bool,
@@ -86,6 +89,9 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
         mut files,
         mut problems,
     } = export(&record, &out).map_err(CliError::Export)?;
+    if args.parquet {
+        files.extend(export_parquet(&record, &out).map_err(CliError::Export)?);
+    }
     let mut parts: Vec<Part> = files.iter().map(|file| Part::table(file)).collect();
     if args.opencarp {
         let worker = find_worker(args.worker.as_deref())?;

@@ -73,26 +73,32 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
         talk.data(&patient_page(&record))?;
         return Ok(Exit::Ok);
     }
+    talk.data(&text_of(&record, talk))?;
+    if let Some(hint) = hint(&record, &folders) {
+        talk.hint(&hint);
+    }
+    Ok(Exit::Ok)
+}
+
+/// Everything about a patient as text.
+#[must_use]
+pub fn text_of(record: &PatientRecord, talk: &Talk) -> String {
     let sections = [
-        heading(&record),
-        biomarkers(&record, talk),
-        motion(&record, talk),
-        iterations(&record, talk),
-        step3(&record, talk),
-        posterior(&record, talk),
-        cell(&record, talk),
-        estimates(&record, talk),
-        files(&record, talk),
+        heading(record),
+        biomarkers(record, talk),
+        motion(record, talk),
+        iterations(record, talk),
+        step3(record, talk),
+        posterior(record, talk),
+        cell(record, talk),
+        estimates(record, talk),
+        files(record, talk),
     ];
     let sections: Vec<String> = sections
         .into_iter()
         .filter(|section| !section.is_empty())
         .collect();
-    talk.data(&sections.join("\n"))?;
-    if let Some(hint) = hint(&record, &folders) {
-        talk.hint(&hint);
-    }
-    Ok(Exit::Ok)
+    sections.join("\n")
 }
 
 /// Specification of the twin's beat, or of step 1's before step 2 is done; `None` before step 0.

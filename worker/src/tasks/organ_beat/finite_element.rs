@@ -341,19 +341,21 @@ pub(super) fn run(
     )
 }
 
-/// Starts a series of VTU files if requested. The log gives its total size before the rest is
-/// written.
+/// Starts a series of VTU files if requested. A beat with a cell model, such as the verification
+/// beat, always has its first and last frame. The log gives the series' total size before the rest
+/// is written.
 fn begin_series(
     spec: &OrganBeatSpec,
     organ: &FiniteElementOrgan,
     ventricle: &FiniteElementVentricle,
     context: &mut Context,
 ) -> Result<Option<Series>, TaskError> {
-    if context.vtu_every_ms <= 0.0 {
-        return Ok(None);
-    }
-    let every_ms = context.vtu_every_ms.max(spec.time_step_ms);
     let with_calcium = has_calcium(spec);
+    let every_ms = match context.vtu_every_ms > 0.0 {
+        true => context.vtu_every_ms.max(spec.time_step_ms),
+        false if with_calcium => spec.cycle_length_ms,
+        false => return Ok(None),
+    };
     let mesh = StoredVentricle::read(&organ.ventricle)?.mesh;
     let (series, bytes) = Series::begin(
         context.artefacts.directory(),

@@ -1,6 +1,5 @@
 //! `cardiotwin dashboard`: the run as a web page on this machine.
 
-mod estimate;
 mod source;
 
 use std::path::PathBuf;

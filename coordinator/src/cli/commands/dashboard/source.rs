@@ -15,10 +15,10 @@ use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::status::{PatientStatus, Status};
 use tokio::sync::{Mutex, RwLock};
 
-use super::estimate::estimate;
 use crate::cli::commands::compare::compare;
 use crate::cli::commands::logs::end_of_logs;
 use crate::cli::error::CliError;
+use crate::cli::estimate::estimate;
 use crate::cli::place::Folders;
 use crate::cli::store::open;
 use crate::cli::talk::with_causes;

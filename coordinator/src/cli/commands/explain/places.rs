@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use crate::engine::LeafChange;
 use crate::input::Patient;
 
-/// Layers, or files and lines, that set the changed value.
+/// Layers, or files and lines, that set the changed value. Where several keys end alike, those that
+/// agree with most of the value's path.
 pub fn places(
     change: &LeafChange,
     patient: Option<&Patient>,
@@ -27,11 +28,20 @@ pub fn places(
     if places.is_empty()
         && let (Some(patient), Some(name)) = (patient, parts.last())
     {
+        let found = patient.places_of(name);
+        let agreeing = |key: &str| {
+            let ends = key.rsplit('.').zip(parts.iter().rev());
+            ends.take_while(|(a, b)| a == *b).count()
+        };
+        let most = found.iter().map(|(key, _)| agreeing(key)).max();
         places.extend(
-            patient
-                .places_of(name)
-                .into_iter()
-                .map(|(key, place)| format!("{key} in {place}")),
+            found
+                .iter()
+                .filter(|(key, _)| Some(agreeing(key)) == most)
+                .map(|(key, place)| match place.as_str() {
+                    "default" => format!("default of {key}"),
+                    place => format!("{key} in {place}"),
+                }),
         );
     }
     places
