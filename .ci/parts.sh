@@ -160,7 +160,7 @@ if [ "${CARDIOTWIN_TESTS:-}" != long ]; then
 fi
 
 # The second part: with the time that is left.
-long_part 500 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output
+long_part 1200 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output
 long_part 1500 "long tests: slurm" "$CARGO" test "${everything[@]}" --test slurm -- --ignored
 
 summary
