@@ -34,9 +34,12 @@ impl Browser {
             .unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Errors and warnings that a page writes when it is opened.
+    /// Everything that a page writes to the console when it is opened, and its errors.
     pub fn complaints(&self, file: &Path, fragment: &str, window: (u32, u32)) -> Vec<String> {
         let mut page = self.open(file, fragment, window);
+        // Timers and frames of the page's scripts may complain, too.
+        page.value("new Promise((done) => setTimeout(() => requestAnimationFrame(done), 500))")
+            .unwrap_or_else(|error| panic!("{error}"));
         page.complaints().expect("the browser answers").to_vec()
     }
 

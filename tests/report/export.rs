@@ -10,7 +10,7 @@ use crate::fixture;
 fn exported() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a/b");
-    let done = export(&fixture::cohort(folder.path()), &out).unwrap();
+    let done = export(&fixture::cohort(folder.path()), &out, false).unwrap();
     assert_eq!(done.problems, Vec::<String>::new());
     assert_eq!(done.files.len(), 9);
     assert!(done.files.iter().all(|f| f.is_file()));
@@ -97,7 +97,7 @@ fn traces_are_long_and_tidy() {
 fn patients_in_trouble_leave_gaps_not_errors() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("export");
-    let done = export(&fixture::troubled(folder.path()), &out).unwrap();
+    let done = export(&fixture::troubled(folder.path()), &out, false).unwrap();
     assert_eq!(done.problems.len(), 1, "{:?}", done.problems);
     insta::assert_snapshot!("troubled_table_A6", text(&out, "table_A6.csv"));
 }

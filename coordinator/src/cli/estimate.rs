@@ -9,25 +9,36 @@ use crate::engine::Pace;
 /// not done for that.
 const LEAST: f64 = 0.1;
 
-/// Expected end if each open patient takes as long as the finished ones did on average, and as many
-/// attempts as now are at work. `None` if nothing is left, nothing is at work, or nobody is done.
+/// Mean time of the finished patients, ms.
+fn mean_ms(pace: &Pace) -> f64 {
+    pace.done_ms.iter().sum::<i64>() as f64 / pace.done_ms.len() as f64
+}
+
+/// Time left, ms, if each open patient takes as long as the finished ones did on average, and as
+/// many attempts as now are at work. `None` if nothing is left, nothing is at work, or nobody is
+/// done.
 #[must_use]
-pub fn estimate(pace: &Pace, now_ms: i64) -> Option<Estimate> {
+pub fn left_ms(pace: &Pace) -> Option<f64> {
     if pace.open_ms.is_empty() || pace.done_ms.is_empty() || pace.n_at_work == 0 {
         return None;
     }
-    let mean = pace.done_ms.iter().sum::<i64>() as f64 / pace.done_ms.len() as f64;
+    let mean = mean_ms(pace);
     let left = |spent: &i64| (mean - *spent as f64).max(LEAST * mean);
     let all: f64 = pace.open_ms.iter().map(left).sum();
     // The tasks of a patient come one after the other, whatever number of workers is free.
     let longest = pace.open_ms.iter().map(left).fold(0.0, f64::max);
-    let left_ms = (all / pace.n_at_work as f64).max(longest);
+    Some((all / pace.n_at_work as f64).max(longest))
+}
+
+/// Expected end after [`left_ms`], with its basis in words.
+#[must_use]
+pub fn estimate(pace: &Pace, now_ms: i64) -> Option<Estimate> {
     Some(Estimate {
-        end_ms: now_ms + left_ms.round() as i64,
+        end_ms: now_ms + left_ms(pace)?.round() as i64,
         basis: format!(
             "from {} that took {:.0} s each, and {} at work",
             count(pace.done_ms.len(), "finished patient"),
-            mean / 1e3,
+            mean_ms(pace) / 1e3,
             count(pace.n_at_work, "attempt")
         ),
     })

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::ids::PatientId;
 
-use super::estimate::estimate;
+use super::estimate::left_ms;
 use super::table::duration;
 use crate::engine::{EngineEvent, Pace, PatientEnding};
 
@@ -103,8 +103,9 @@ impl TimeLeft {
             n_at_work: at_work.count(),
             open_ms,
         };
-        let left = estimate(&pace, 0).map(|found| 1e-3 * found.end_ms as f64);
-        left.map(in_words).unwrap_or_default()
+        left_ms(&pace)
+            .map(|left| in_words(1e-3 * left))
+            .unwrap_or_default()
     }
 
     /// Time until a phase of a patient's task ends, in words; empty if not enough is known.

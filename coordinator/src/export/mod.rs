@@ -9,8 +9,6 @@ pub mod ro_crate;
 mod table;
 mod traces;
 
-use table::Table;
-
 pub use patient_tables::PatientTables;
 
 use std::path::{Path, PathBuf};
@@ -23,53 +21,36 @@ use crate::results::{WriteError, atomic};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
     /// Paths of `table_1`, `table_2`, `table_A6`, `table_A7`, each as `.csv` and `.json`, followed
-    /// by `traces.csv`.
+    /// by `traces.csv`; with Parquet each as `.parquet`, too.
     pub files: Vec<PathBuf>,
     /// One sentence for each file of the run that could not be read and whose traces are therefore
     /// missing.
     pub problems: Vec<String>,
 }
 
-fn tables(run: &RunRecord) -> [Table; 4] {
-    [
+/// Writes tables and traces of a run into a folder, which is made if it does not exist; with
+/// `parquet` as Parquet files, too. Values that a patient lacks are left empty.
+///
+/// # Errors
+/// [`WriteError`] if a file cannot be written. Each file is written atomically.
+pub fn export(run: &RunRecord, folder: &Path, parquet: bool) -> Result<Exported, WriteError> {
+    std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
+    let mut files = Vec::new();
+    for table in [
         paper::table_1(run),
         paper::table_2(run),
         paper::table_a6(run),
         paper::table_a7(run),
-    ]
-}
-
-/// Writes the same tables and traces as Parquet files.
-///
-/// # Errors
-/// [`WriteError`] if a file cannot be written. Each file is written atomically.
-pub fn export_parquet(run: &RunRecord, folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
-    std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
-    let mut files = Vec::new();
-    for table in tables(run) {
-        let file = folder.join(format!("{}.parquet", table.name));
-        atomic::write(&file, |out| table.parquet(out)).map_err(WriteError::file(&file))?;
-        files.push(file);
-    }
-    let file = folder.join("traces.parquet");
-    atomic::write(&file, |out| traces::write_parquet(run, out)).map_err(WriteError::file(&file))?;
-    files.push(file);
-    Ok(files)
-}
-
-/// Writes tables and traces of a run into a folder, which is made if it does not exist. Values that
-/// a patient lacks are left empty.
-///
-/// # Errors
-/// [`WriteError`] if a file cannot be written. Each file is written atomically.
-pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, WriteError> {
-    std::fs::create_dir_all(folder).map_err(WriteError::folder(folder))?;
-    let mut files = Vec::new();
-    for table in tables(run) {
+    ] {
         for (extension, text) in [("csv", table.csv()), ("json", table.json())] {
             let file = folder.join(format!("{}.{extension}", table.name));
             atomic::write(&file, |out| out.write_all(text.as_bytes()))
                 .map_err(WriteError::file(&file))?;
+            files.push(file);
+        }
+        if parquet {
+            let file = folder.join(format!("{}.parquet", table.name));
+            atomic::write(&file, |out| table.parquet(out)).map_err(WriteError::file(&file))?;
             files.push(file);
         }
     }
@@ -78,5 +59,11 @@ pub fn export(run: &RunRecord, folder: &Path) -> Result<Exported, WriteError> {
     atomic::write(&file, |out| traces::write(run, out, &mut problems))
         .map_err(WriteError::file(&file))?;
     files.push(file);
+    if parquet {
+        let file = folder.join("traces.parquet");
+        atomic::write(&file, |out| traces::write_parquet(run, out))
+            .map_err(WriteError::file(&file))?;
+        files.push(file);
+    }
     Ok(Exported { files, problems })
 }

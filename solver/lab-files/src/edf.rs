@@ -327,11 +327,7 @@ mod tests {
     }
 
     fn wanted() -> [Wanted; 3] {
-        let time = Wanted {
-            required: true,
-            may_lack: false,
-            ..Wanted::new("time")
-        };
+        let time = Wanted::required("time");
         [time, Wanted::new("lv_pressure"), Wanted::new("ecg")]
     }
 

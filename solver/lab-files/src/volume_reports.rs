@@ -146,11 +146,7 @@ mod tests {
     use crate::text::decode;
 
     fn wanted() -> [Wanted; 2] {
-        ["time", "volume"].map(|quantity| Wanted {
-            required: true,
-            may_lack: false,
-            ..Wanted::new(quantity)
-        })
+        ["time", "volume"].map(Wanted::required)
     }
 
     fn read(text: &str, program: &str) -> TableReading {

@@ -29,6 +29,16 @@ impl Wanted {
             ..Self::default()
         }
     }
+
+    /// A quantity that the file must have without gaps, under any name of a laboratory.
+    #[must_use]
+    pub fn required(quantity: &'static str) -> Self {
+        Self {
+            quantity,
+            required: true,
+            ..Self::default()
+        }
+    }
 }
 
 /// Columns that were read.

@@ -326,11 +326,7 @@ mod tests {
 
     fn read(header: &str, data: &[u8]) -> TableReading {
         let wanted = [
-            Wanted {
-                required: true,
-                may_lack: false,
-                ..Wanted::new("time")
-            },
+            Wanted::required("time"),
             Wanted::new("lv_pressure"),
             Wanted::new("ecg"),
         ];

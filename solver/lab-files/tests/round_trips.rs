@@ -7,11 +7,7 @@ use proptest::prelude::*;
 
 fn wanted() -> [Wanted; 2] {
     [
-        Wanted {
-            required: true,
-            may_lack: false,
-            ..Wanted::new("time")
-        },
+        Wanted::required("time"),
         Wanted {
             required: true,
             ..Wanted::new("lv_pressure")

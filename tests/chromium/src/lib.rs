@@ -189,12 +189,7 @@ impl Page {
         })?;
         let params = &message["params"];
         match message["method"].as_str() {
-            Some("Runtime.consoleAPICalled")
-                if matches!(
-                    params["type"].as_str(),
-                    Some("error" | "warning" | "assert")
-                ) =>
-            {
+            Some("Runtime.consoleAPICalled") => {
                 self.complaints.push(params["args"].to_string());
             }
             Some("Runtime.exceptionThrown") => {
@@ -337,7 +332,8 @@ impl Page {
         write_decoded(file, &printed)
     }
 
-    /// Errors and warnings of the page so far: console, exceptions, refused and failed requests.
+    /// Complaints of the page so far: all that it wrote to the console, exceptions, refused and
+    /// failed requests.
     ///
     /// # Errors
     /// [`PageError`] if the browser does not answer.

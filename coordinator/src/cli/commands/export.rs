@@ -17,7 +17,7 @@ use crate::cli::talk::{Talk, count};
 use crate::discovery;
 use crate::engine::find_worker;
 use crate::export::ro_crate::{self, CrateFile, CrateOptions};
-use crate::export::{Exported, export, export_parquet};
+use crate::export::{Exported, export};
 use crate::report::{Pages, write_report};
 use crate::results::PatientView;
 use crate::results::folder::WholeFolder;
@@ -88,10 +88,7 @@ pub async fn execute(args: &ExportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let Exported {
         mut files,
         mut problems,
-    } = export(&record, &out).map_err(CliError::Export)?;
-    if args.parquet {
-        files.extend(export_parquet(&record, &out).map_err(CliError::Export)?);
-    }
+    } = export(&record, &out, args.parquet).map_err(CliError::Export)?;
     let mut parts: Vec<Part> = files.iter().map(|file| Part::table(file)).collect();
     if args.opencarp {
         let worker = find_worker(args.worker.as_deref())?;

@@ -9,11 +9,7 @@ const HEADER: &str = "Interval=\t0.5 s\nExcelDateTime=\t4.5352e+04\t01/03/2024 1
 
 fn read(text: &str, block: Option<usize>) -> TableReading {
     let wanted = [
-        Wanted {
-            required: true,
-            may_lack: false,
-            ..Wanted::new("time")
-        },
+        Wanted::required("time"),
         Wanted::new("lv_pressure"),
         Wanted::new("ecg"),
     ];

@@ -50,12 +50,16 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
     let reader = open(&folders).await?;
     let member = member(&folders)?;
-    if args.watch && !args.json && has_terminal() {
-        let status = watch::watch(&reader, member, args.failed, talk).await?;
-        talk.data(&screen(&status, member, ROWS, talk))?;
-        if let Some(hint) = hint(&status, &folders) {
+    let print = |status: &Status, rows| {
+        talk.data(&screen(status, member, rows, talk))?;
+        if let Some(hint) = hint(status, &folders) {
             talk.hint(&hint);
         }
+        Ok::<_, CliError>(())
+    };
+    if args.watch && !args.json && has_terminal() {
+        let status = watch::watch(&reader, member, args.failed, talk).await?;
+        print(&status, ROWS)?;
         return Ok(Exit::Ok);
     }
     loop {
@@ -73,10 +77,7 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
         if args.json {
             talk.json(&status)?;
         } else {
-            talk.data(&screen(&status, member, rows, talk))?;
-            if let Some(hint) = hint(&status, &folders) {
-                talk.hint(&hint);
-            }
+            print(&status, rows)?;
         }
         if !args.watch || Talk::reader_left() || (is_over(&status) && !status.coordinator_running) {
             return Ok(Exit::Ok);

@@ -54,11 +54,12 @@ pub async fn watch(
     talk: &Talk,
 ) -> Result<Status, CliError> {
     let mut page = Page::new(reader.status().await?, member, only_failed);
+    page.estimate = expected_end(reader, &page.status).await?;
     let mut ended = signal(SignalKind::terminate()).map_err(of_terminal)?;
     let mut terminal = Terminal(ratatui::try_init().map_err(of_terminal)?);
     let (tell, mut events) = unbounded_channel();
     let listening = std::thread::spawn(move || listen(&tell));
-    let mut next = Instant::now();
+    let mut next = Instant::now() + PERIOD;
     loop {
         if Instant::now() >= next {
             let status = reader.status().await?;
