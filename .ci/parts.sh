@@ -119,6 +119,18 @@ else
     skipped "format" rustfmt "rustfmt is not installed"
 fi
 
+book_part() {
+    if command -v python3 >/dev/null && docs/book/mdbook.sh "$target/tools" >/dev/null; then
+        part "the book, its links" docs/book/build.sh "$target/book"
+    else
+        skipped "the book, its links" book "python3 is not installed, or cargo could not build mdbook"
+    fi
+}
+# Before the build: these fail within seconds.
+if [ "${CARDIOTWIN_TESTS:-}" != long ]; then
+    book_part
+fi
+
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
 with_mpi=()
 if missing=$(deploy/mpi-found.sh); then
@@ -147,11 +159,6 @@ short_parts() {
         part "clippy, warnings are errors" "$CARGO" clippy "${everything[@]}" --all-targets -- -D warnings
     else
         skipped "clippy" clippy "clippy is not installed"
-    fi
-    if command -v python3 >/dev/null && docs/book/mdbook.sh "$target/tools" >/dev/null; then
-        part "the book, its links" docs/book/build.sh "$target/book"
-    else
-        skipped "the book, its links" book "python3 is not installed, or cargo could not build mdbook"
     fi
     part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
 }
