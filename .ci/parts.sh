@@ -160,6 +160,12 @@ short_parts() {
     else
         skipped "clippy" clippy "clippy is not installed"
     fi
+    if python3 -c 'import ensurepip' 2>/dev/null && python3 -m venv "$target/python-build-env" && "$target/python-build-env/bin/pip" install --quiet "maturin>=1.9,<2"; then
+        # The programs of the build above; the extension module alone is compiled.
+        part "Python: the wheel in a new environment" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
+    else
+        skipped "Python: the wheel in a new environment" python-packages "PyPI does not answer, or python3 has no venv"
+    fi
     part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
 }
 if [ "${CARDIOTWIN_TESTS:-}" != long ]; then

@@ -1,8 +1,17 @@
 #!/usr/bin/env bash
 # Makes the wheel, installs it into a new virtual environment, and tests what was installed: types, style, python/tests, the notebooks.
-# Packages come from the index of pip. Usage: python/test.sh [ARGUMENTS OF PYTEST]
+# Packages come from the index of pip. Usage: python/test.sh [--brief] [ARGUMENTS OF PYTEST]
+# --brief leaves out the notebooks, polars and xarray, whose packages are large.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+
+extras=parquet,polars,xarray,notebooks
+left_out=()
+if [ "${1:-}" = --brief ]; then
+    shift
+    extras=parquet
+    left_out=(--ignore-glob="*/test_notebooks.py" -k "not polars_and_xarray")
+fi
 
 PYTHON=${PYTHON:-python3}
 target=$(realpath -m "${CARGO_TARGET_DIR:-target}")
@@ -15,11 +24,11 @@ wheel=("$folder"/dist/cardiotwin-*.whl)
 began=$(date +%s)
 "$folder/env/bin/pip" install --quiet "${wheel[0]}"
 echo "installed in $(($(date +%s) - began)) s: $("$folder/env/bin/cardiotwin" --version)"
-"$folder/env/bin/pip" install --quiet "${wheel[0]}[parquet,polars,xarray,notebooks]" "pytest>=8" "mypy>=1.13" "ruff>=0.8" pandas-stubs
+"$folder/env/bin/pip" install --quiet "${wheel[0]}[$extras]" "pytest>=8" "mypy>=1.13" "ruff>=0.8" pandas-stubs
 "$folder/env/bin/ruff" check --quiet --no-cache --config python/pyproject.toml python/cardiotwin python/tests
 "$folder/env/bin/ruff" format --quiet --no-cache --check --config python/pyproject.toml python/cardiotwin python/tests
 (cd python && "$folder/env/bin/mypy" --config-file pyproject.toml --cache-dir "$folder/mypy" cardiotwin)
 # Out of the source tree, so that only the installed package is found.
 tests=$PWD/python/tests
 cd "$folder"
-PYTHONDONTWRITEBYTECODE=1 PYVISTA_OFF_SCREEN=true MPLBACKEND=agg "$folder/env/bin/python" -m pytest -p no:cacheprovider --import-mode=importlib -q "$tests" "$@"
+PYTHONDONTWRITEBYTECODE=1 PYVISTA_OFF_SCREEN=true MPLBACKEND=agg "$folder/env/bin/python" -m pytest -p no:cacheprovider --import-mode=importlib -q "$tests" "${left_out[@]}" "$@"

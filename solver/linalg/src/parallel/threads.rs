@@ -4,7 +4,8 @@
 //! values alternate, so that a rank that is ahead does not overwrite values that another rank still
 //! reads. Halos pass through a letterbox for each pair of ranks. A waiting rank spins for some
 //! microseconds, then yields its core between polls, then sleeps. On a busy machine, other threads
-//! need the core; on an idle one, waking up takes longer than most waits.
+//! need the core; on an idle one, waking up takes longer than most waits. Where ranks outnumber the
+//! cores, nothing spins.
 //!
 //! No rank waits for ever. When a rank fails, leaves early, or keeps another one waiting for longer
 //! than [`ThreadSettings::patience`], all ranks end with the same [`RankFailure`].
@@ -76,6 +77,27 @@ struct Letterbox {
     letters: [Mutex<Vec<f64>>; 2],
 }
 
+/// Place where ranks sleep until a certain rank acts.
+#[derive(Debug, Default)]
+#[repr(align(128))]
+struct Bed {
+    sleepers: AtomicUsize,
+    door: Mutex<()>,
+    bell: Condvar,
+}
+
+impl Bed {
+    /// Wakes the sleepers after a change.
+    fn ring(&self) {
+        // Sequentially consistent, like the change itself: a sleeper that this load misses will see
+        // the change.
+        if self.sleepers.load(Ordering::SeqCst) > 0 {
+            drop(locked(&self.door));
+            self.bell.notify_all();
+        }
+    }
+}
+
 #[derive(Debug)]
 struct Group {
     desks: Vec<Desk>,
@@ -83,10 +105,12 @@ struct Group {
     letterboxes: Vec<Letterbox>,
     ended: AtomicBool,
     failure: Mutex<Option<RankFailure>>,
-    sleepers: AtomicUsize,
-    bed: Mutex<()>,
-    bell: Condvar,
+    /// At `a` sleep those who wait for rank `a`, so that an action does not wake the whole group.
+    beds: Vec<Bed>,
     patience: Duration,
+    /// Whether there are more ranks than cores, so that a spinning rank takes the time of the one that
+    /// it waits for.
+    crowded: bool,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -103,26 +127,17 @@ impl Group {
                 .collect(),
             ended: AtomicBool::new(false),
             failure: Mutex::new(None),
-            sleepers: AtomicUsize::new(0),
-            bed: Mutex::new(()),
-            bell: Condvar::new(),
+            beds: (0..n_ranks).map(|_| Bed::default()).collect(),
             patience: settings.patience,
-        }
-    }
-
-    /// Wakes sleeping ranks after a change.
-    fn ring(&self) {
-        // Sequentially consistent, like the change itself: a sleeper that this load misses will see
-        // the change.
-        if self.sleepers.load(Ordering::SeqCst) > 0 {
-            drop(locked(&self.bed));
-            self.bell.notify_all();
+            crowded: std::thread::available_parallelism().is_ok_and(|cores| n_ranks > cores.get()),
         }
     }
 
     fn end(&self) {
         self.ended.store(true, Ordering::SeqCst);
-        self.ring();
+        for bed in &self.beds {
+            bed.ring();
+        }
     }
 
     /// Ends the group; only the first failure is kept.
@@ -140,7 +155,7 @@ impl Group {
 
     fn leave(&self, rank: usize) {
         self.desks[rank].left.store(true, Ordering::SeqCst);
-        self.ring();
+        self.beds[rank].ring();
     }
 
     /// Runs `work` and ends the group if it panics.
@@ -166,6 +181,16 @@ fn text(payload: &(dyn Any + Send)) -> String {
         .unwrap_or_else(|| "panicked without a word".to_owned())
 }
 
+/// Reason why a rank no longer sleeps.
+enum Waking {
+    /// Its wait is over.
+    Done,
+    /// The group has ended.
+    Ended,
+    /// Its wait can have no end, with the reason.
+    InVain(String),
+}
+
 /// A rank of a group of threads.
 #[derive(Debug, Clone)]
 pub struct ThreadRank {
@@ -176,58 +201,66 @@ pub struct ThreadRank {
 impl ThreadRank {
     /// Waits until `done` is true, which requires an action of rank `other`.
     fn wait(&self, other: usize, patience: Option<Duration>, done: impl Fn() -> bool) {
-        for _ in 0..SPINS {
+        if done() {
+            return;
+        }
+        let spins = if self.group.crowded { 0 } else { SPINS };
+        for _ in 0..spins {
+            std::hint::spin_loop();
             if done() {
                 return;
             }
-            std::hint::spin_loop();
         }
         for _ in 0..YIELDS {
+            std::thread::yield_now();
             if done() {
                 return;
             }
-            std::thread::yield_now();
         }
+        match self.sleep(other, patience, done) {
+            Waking::Done => return,
+            Waking::Ended => {}
+            Waking::InVain(reason) => self.group.fail(self.rank, reason),
+        }
+        self.unwind();
+    }
+
+    /// Sleeps until `done` is true, or until nothing can make it true.
+    fn sleep(&self, other: usize, patience: Option<Duration>, done: impl Fn() -> bool) -> Waking {
         let group = &*self.group;
-        let mut bed = locked(&group.bed);
-        group.sleepers.fetch_add(1, Ordering::SeqCst);
+        let bed = &group.beds[other];
+        let mut door = locked(&bed.door);
+        bed.sleepers.fetch_add(1, Ordering::SeqCst);
         let why = loop {
             let left = group.desks[other].left.load(Ordering::SeqCst);
             if done() {
-                break None;
+                break Waking::Done;
             }
             if group.ended.load(Ordering::SeqCst) {
-                break Some(None);
+                break Waking::Ended;
             }
             if left {
-                break Some(Some(format!(
-                    "rank {other} has left, and will not do its part"
-                )));
+                break Waking::InVain(format!("rank {other} has left, and will not do its part"));
             }
-            bed = match patience {
-                None => group.bell.wait(bed).unwrap_or_else(PoisonError::into_inner),
+            door = match patience {
+                None => bed.bell.wait(door).unwrap_or_else(PoisonError::into_inner),
                 Some(patience) => {
-                    let (bed, waited) = group
+                    let (door, waited) = bed
                         .bell
-                        .wait_timeout(bed, patience)
+                        .wait_timeout(door, patience)
                         .unwrap_or_else(PoisonError::into_inner);
                     if waited.timed_out() && !done() {
-                        break Some(Some(format!(
+                        break Waking::InVain(format!(
                             "no progress: waited {} s for rank {other}",
                             patience.as_secs_f64()
-                        )));
+                        ));
                     }
-                    bed
+                    door
                 }
             };
         };
-        group.sleepers.fetch_sub(1, Ordering::SeqCst);
-        if let Some(reason) = why {
-            if let Some(reason) = reason {
-                group.fail(self.rank, reason);
-            }
-            self.unwind();
-        }
+        bed.sleepers.fetch_sub(1, Ordering::SeqCst);
+        why
     }
 
     /// Leaves a group that has ended. It bypasses the panic hook, which has already run if the
@@ -256,7 +289,7 @@ impl ThreadRank {
             place.store(value.to_bits(), Ordering::Relaxed);
         }
         desk.posts.store(number, Ordering::SeqCst);
-        group.ring();
+        group.beds[self.rank].ring();
         number
     }
 
@@ -308,7 +341,7 @@ impl ThreadRank {
         write(&mut letter);
         drop(letter);
         letterbox.sent.store(number, Ordering::SeqCst);
-        self.group.ring();
+        self.group.beds[self.rank].ring();
     }
 
     fn receive<T>(&self, from: usize, read: impl FnOnce(&[f64]) -> T) -> T {
@@ -319,7 +352,7 @@ impl ThreadRank {
         });
         let out = read(&locked(&letterbox.letters[(number & 1) as usize]));
         letterbox.taken.store(number, Ordering::SeqCst);
-        self.group.ring();
+        self.group.beds[self.rank].ring();
         out
     }
 }
@@ -444,28 +477,27 @@ impl Drop for Crew {
     fn drop(&mut self) {
         let group = &*self.group;
         group.end();
-        let mut bed = locked(&group.bed);
-        group.sleepers.fetch_add(1, Ordering::SeqCst);
-        while !group
+        for (desk, bed) in group
             .desks
             .iter()
+            .zip(&group.beds)
             .skip(1)
             .take(self.threads.len())
-            .all(|desk| desk.left.load(Ordering::SeqCst))
         {
-            let (next, waited) = group
+            let door = locked(&bed.door);
+            bed.sleepers.fetch_add(1, Ordering::SeqCst);
+            let (door, waited) = bed
                 .bell
-                .wait_timeout(bed, group.patience)
+                .wait_timeout_while(door, group.patience, |()| !desk.left.load(Ordering::SeqCst))
                 .unwrap_or_else(PoisonError::into_inner);
-            bed = next;
+            bed.sleepers.fetch_sub(1, Ordering::SeqCst);
+            drop(door);
             if waited.timed_out() {
                 // If a rank never stops computing, a leaked thread is better than a program that
                 // hangs.
                 return;
             }
         }
-        group.sleepers.fetch_sub(1, Ordering::SeqCst);
-        drop(bed);
         for thread in self.threads.drain(..) {
             // The thread has caught its own panic.
             let _ = thread.join();
