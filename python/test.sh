@@ -25,8 +25,8 @@ began=$(date +%s)
 "$folder/env/bin/pip" install --quiet "${wheel[0]}"
 echo "installed in $(($(date +%s) - began)) s: $("$folder/env/bin/cardiotwin" --version)"
 "$folder/env/bin/pip" install --quiet "${wheel[0]}[$extras]" "pytest>=8" "mypy>=1.13" "ruff>=0.8" pandas-stubs
-"$folder/env/bin/ruff" check --quiet --no-cache --config python/pyproject.toml python/cardiotwin python/tests
-"$folder/env/bin/ruff" format --quiet --no-cache --check --config python/pyproject.toml python/cardiotwin python/tests
+"$folder/env/bin/ruff" check --quiet --no-cache --config python/pyproject.toml python/cardiotwin python/tests python/benchmarks
+"$folder/env/bin/ruff" format --quiet --no-cache --check --config python/pyproject.toml python/cardiotwin python/tests python/benchmarks
 (cd python && "$folder/env/bin/mypy" --config-file pyproject.toml --cache-dir "$folder/mypy" cardiotwin)
 # Out of the source tree, so that only the installed package is found.
 tests=$PWD/python/tests

@@ -327,7 +327,8 @@ def _display(run: Run) -> Any:
             now = (patient["step"], patient["state"])
             if seen.get(patient["patient"]) != now:
                 seen[patient["patient"]] = now
-                print(f"{patient['patient']}  {now[0]}  {now[1]}  {patient['note']}".rstrip(), file=sys.stderr)
+                words = dict.fromkeys((patient["patient"], *now, patient["note"]))  # "done" once
+                print("  ".join(filter(None, words)), file=sys.stderr)
 
     return show
 

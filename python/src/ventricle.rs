@@ -155,19 +155,16 @@ impl Ventricle {
         let mut biomarkers = Vec::with_capacity(results.len() * N_BIOMARKERS);
         let (mut opened, mut status, mut refused) = (Vec::new(), Vec::new(), BTreeMap::new());
         for (idx, result) in results.into_iter().enumerate() {
-            let read = |beat: &OrganBeatResult, b| beat.biomarkers.get(b).unwrap_or(f64::NAN);
-            let (word, beat) = match result {
-                Ok(Some(beat)) => ("finished", Some(beat)),
-                Ok(None) => ("diverged", None),
+            let (word, row) = match result {
+                Ok(Some(row)) => ("finished", row),
+                Ok(None) => ("diverged", Row::NONE),
                 Err(error) => {
                     refused.insert(idx, chain(&error));
-                    ("refused", None)
+                    ("refused", Row::NONE)
                 }
             };
-            biomarkers.extend(
-                Biomarker::ALL.map(|b| beat.as_ref().map_or(f64::NAN, |beat| read(beat, b))),
-            );
-            opened.push(beat.is_some_and(|beat| beat.failed_valve().is_none()));
+            biomarkers.extend(row.biomarkers);
+            opened.push(row.valves_opened);
             status.push(word);
         }
         let biomarkers =
@@ -182,7 +179,7 @@ impl Ventricle {
             .ok_or_else(|| ModelError::new_err("the ventricle is not a one-fibre ventricle"))
     }
 
-    fn row(&self, names: &[String], row: &[f64]) -> Result<Option<OrganBeatResult>, TaskError> {
+    fn row(&self, names: &[String], row: &[f64]) -> Result<Option<Row>, TaskError> {
         let mut spec = self.spec.clone();
         for (name, value) in names.iter().zip(row) {
             if !spec.set_parameter(name, *value) {
@@ -192,7 +189,28 @@ impl Ventricle {
         let Some((passive, activation)) = wall(&spec) else {
             return Ok(None);
         };
-        reduced_beat(&spec, &passive, &activation)
+        let beat = reduced_beat(&spec, &passive, &activation)?;
+        Ok(beat.as_ref().map(Row::of))
+    }
+}
+
+/// Part of a beat that a batch keeps: its traces would fill the memory.
+struct Row {
+    biomarkers: [f64; N_BIOMARKERS],
+    valves_opened: bool,
+}
+
+impl Row {
+    const NONE: Self = Self {
+        biomarkers: [f64::NAN; N_BIOMARKERS],
+        valves_opened: false,
+    };
+
+    fn of(beat: &OrganBeatResult) -> Self {
+        Self {
+            biomarkers: Biomarker::ALL.map(|b| beat.biomarkers.get(b).unwrap_or(f64::NAN)),
+            valves_opened: beat.failed_valve().is_none(),
+        }
     }
 }
 

@@ -76,7 +76,7 @@ def test_jupyter_shows_run_and_patient(run: cardiotwin.Run) -> None:
 
 def test_progress_is_lines(folder: Path, run: cardiotwin.Run, capfd: pytest.CaptureFixture[str]) -> None:
     cardiotwin.Cohort(folder).run(progress=True, report=False)
-    assert "01-CoA  done  done" in capfd.readouterr().err
+    assert "01-CoA  done  personalised" in capfd.readouterr().err
 
 
 def test_simulate_predict_and_sweep(folder: Path, run: cardiotwin.Run, elsewhere: Path) -> None:
