@@ -28,7 +28,7 @@ const columns = [
   },
   { key: "cost", title: "cost", right: true, value: cost, cell: (row) => number(cost(row)) },
   {
-    key: "since", title: "for", right: true, value: (row) => (row.since_ms === null ? null : -row.since_ms),
+    key: "since", title: "time in state", right: true, value: (row) => (row.since_ms === null ? null : -row.since_ms),
     cell: (row) => (row.since_ms === null ? "-" : duration((Date.now() - row.since_ms) / 1000)),
   },
   {

@@ -16,14 +16,15 @@ const columns = [
 export class QueueView {
   constructor(page) {
     this.told = element("dl", { class: "facts" });
-    const place = element("div", { class: "fill" });
-    page.replaceChildren(element("h1", { textContent: "Queue" }), this.told, place);
-    this.table = new Table(place, columns, { label: "jobs", name: (row) => `${row.name} ${row.id}`, empty: "no job is in the queue" });
+    this.place = element("div", { class: "fill" });
+    page.replaceChildren(element("h1", { textContent: "Queue" }), this.told, this.place);
+    this.table = new Table(this.place, columns, { label: "jobs", name: (row) => `${row.name} ${row.id}`, empty: "no job is in the queue" });
     this.update();
   }
 
   update() {
     const { cluster } = run;
+    this.place.hidden = !run.known;
     if (!cluster) {
       this.told.replaceChildren(element("dd", { textContent: run.known ? "This run has no jobs on a cluster." : "" }));
       this.table.set([]);
