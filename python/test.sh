@@ -10,7 +10,7 @@ left_out=()
 if [ "${1:-}" = --brief ]; then
     shift
     extras=parquet
-    left_out=(--ignore-glob="*/test_notebooks.py" -k "not polars_and_xarray")
+    left_out=(--ignore="$PWD/python/tests/test_notebooks.py" -k "not polars_and_xarray")
 fi
 
 PYTHON=${PYTHON:-python3}
