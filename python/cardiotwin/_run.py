@@ -253,22 +253,22 @@ class Patient:
     def mesh(self) -> pyvista.MultiBlock:
         """The twin's 3D wall for PyVista (extra ``pyvista``): the half behind a plane through the long
         axis, a block for each of end-diastole and end-systole, with stress and stretch."""
-        from cardiotwin._mesh import heart
-
         file = self._tables["heart"]
         if file is None:
             raise StoreError(f"{self.name}: the run has no 3D beat; run with fidelity='finite-element'")
+        from cardiotwin._mesh import heart
+
         return heart(Path(file))
 
     @property
     def series(self) -> pyvista.PVDReader:
         """The twin's series of the whole mesh over the beat, where the run wrote one
         (``settings={"executor.vtu_every_ms": 10}``), as PyVista's reader."""
-        import pyvista
-
         file = self._tables["series"]
         if file is None:
             raise StoreError(f"{self.name}: the run wrote no series; set executor.vtu_every_ms in a 3D run")
+        import pyvista
+
         return pyvista.PVDReader(file)
 
     def _repr_html_(self) -> str:
