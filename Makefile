@@ -42,10 +42,10 @@ demo: deps-demo build ## find a hidden effect, personalise the bundled seven-pat
 test: ## set up what is missing, then pass every check and test; prints how long each part took
 	@.ci/parts.sh
 
-test-all: ## as `make test`, with the long tests of the book and of Slurm (an hour and a half on two cores)
+test-all: ## as `make test`, with the long tests of the wheel, the book and Slurm (an hour and a half on two cores)
 	@CARDIOTWIN_TESTS=all .ci/parts.sh
 
-test-long: ## the long tests alone: the book, kills and ends of jobs on a real Slurm of this machine (half an hour after the build)
+test-long: ## the long tests alone: the wheel, the book, kills and ends of jobs on a real Slurm of this machine (half an hour after the build)
 	@CARDIOTWIN_TESTS=long .ci/parts.sh
 
 MPICH_TARGET := $(if $(CARGO_TARGET_DIR),$(CARGO_TARGET_DIR),target)/mpich

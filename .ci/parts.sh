@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # `make test`: every check, one after the other; prints how long each part took and stops at the first that fails.
 # `make test-all` (CARDIOTWIN_TESTS=all) runs the long tests, too; `make test-long` (CARDIOTWIN_TESTS=long) these alone.
-# CARDIOTWIN_TEST_SECONDS=N skips long tests that would not end within N seconds of the beginning; CI runs those of Slurm
+# CARDIOTWIN_TEST_SECONDS=N skips long tests that would not end within N seconds of the beginning; CI runs them
 # with the time that is left.
 # What a test could not try here is listed in target/not-tested.jsonl; with CI=true it fails unless .ci/allowed-skips lists it.
 # Plain cargo, one profile (release): unoptimised kernels are hopeless in tests, and two profiles compile everything twice.
@@ -160,12 +160,6 @@ short_parts() {
     else
         skipped "clippy" clippy "clippy is not installed"
     fi
-    if python3 -c 'import ensurepip' 2>/dev/null && python3 -m venv "$target/python-build-env" && "$target/python-build-env/bin/pip" install --quiet "maturin>=1.9,<2"; then
-        # The programs of the build above; the extension module alone is compiled.
-        part "Python: the wheel in a new environment" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
-    else
-        skipped "Python: the wheel in a new environment" python-packages "PyPI does not answer, or python3 has no venv"
-    fi
     part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
 }
 if [ "${CARDIOTWIN_TESTS:-}" != long ]; then
@@ -173,6 +167,12 @@ if [ "${CARDIOTWIN_TESTS:-}" != long ]; then
 fi
 
 # The second part: with the time that is left.
+# The wheel with the programs of the build above; the extension module alone is compiled.
+if python3 -c 'import ensurepip' 2>/dev/null && python3 -m venv "$target/python-build-env" && "$target/python-build-env/bin/pip" install --quiet "maturin>=1.9,<2"; then
+    long_part 300 "long tests: python" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
+else
+    skipped "long tests: python" python-packages "PyPI does not answer, or python3 has no venv"
+fi
 long_part 1200 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output
 long_part 1500 "long tests: slurm" "$CARGO" test "${everything[@]}" --test slurm -- --ignored
 
