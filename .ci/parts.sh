@@ -83,18 +83,26 @@ passed_on() { # name
     sed -i "s/^| $1 |.*/| $1 | $(date -u +%F) | $commit | ${seconds[-1]%.*} s |/" "$page"
 }
 
-long_part() { # expected seconds, name, command…
-    local expected=$1 elapsed=$(($(date +%s) - began))
-    shift
+has_time() { # expected seconds, name
+    local elapsed=$(($(date +%s) - began))
     if [[ ${CARDIOTWIN_TESTS:-} = all || ${CARDIOTWIN_TESTS:-} = long ]]; then
-        part "$@"
-        passed_on "$1"
+        return 0
     elif [ -z "${CARDIOTWIN_TEST_SECONDS:-}" ]; then
-        skipped "$1" time "long: \`make test-all\` runs it"
-    elif [ $((elapsed + expected)) -gt "$CARDIOTWIN_TEST_SECONDS" ]; then
-        skipped "$1" time "no time left: $expected s expected after $elapsed of $CARDIOTWIN_TEST_SECONDS s"
+        skipped "$2" time "long: \`make test-all\` runs it"
+    elif [ $((elapsed + $1)) -gt "$CARDIOTWIN_TEST_SECONDS" ]; then
+        skipped "$2" time "no time left: $1 s expected after $elapsed of $CARDIOTWIN_TEST_SECONDS s"
     else
-        part "$@"
+        return 0
+    fi
+    return 1
+}
+
+long_part() { # expected seconds, name, command…
+    has_time "$1" "$2" || return 0
+    shift
+    part "$@"
+    if [[ ${CARDIOTWIN_TESTS:-} = all || ${CARDIOTWIN_TESTS:-} = long ]]; then
+        passed_on "$1"
     fi
 }
 
@@ -119,16 +127,13 @@ else
     skipped "format" rustfmt "rustfmt is not installed"
 fi
 
-book_part() {
-    if command -v python3 >/dev/null && docs/book/mdbook.sh "$target/tools" >/dev/null; then
-        part "the book, its links" docs/book/build.sh "$target/book"
-    else
-        skipped "the book, its links" book "python3 is not installed, or cargo could not build mdbook"
-    fi
-}
-# Before the build: these fail within seconds.
-if [ "${CARDIOTWIN_TESTS:-}" != long ]; then
-    book_part
+# Before the build: links fail within seconds.
+if [ "${CARDIOTWIN_TESTS:-}" = long ]; then
+    :
+elif command -v python3 >/dev/null && docs/book/mdbook.sh "$target/tools" >/dev/null; then
+    part "the book, its links" docs/book/build.sh "$target/book"
+else
+    skipped "the book, its links" book "python3 is not installed, or cargo could not build mdbook"
 fi
 
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
@@ -168,7 +173,9 @@ fi
 
 # The second part: with the time that is left.
 # The wheel with the programs of the build above; the extension module alone is compiled.
-if python3 -c 'import ensurepip' 2>/dev/null && python3 -m venv "$target/python-build-env" && "$target/python-build-env/bin/pip" install --quiet "maturin>=1.9,<2"; then
+if ! has_time 300 "long tests: python"; then
+    :
+elif python3 -c 'import ensurepip' 2>/dev/null && python/maturin.sh "$target" >/dev/null; then
     long_part 300 "long tests: python" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
 else
     skipped "long tests: python" python-packages "PyPI does not answer, or python3 has no venv"

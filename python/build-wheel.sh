@@ -6,7 +6,6 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 CARGO=${CARGO:-cargo}
-PYTHON=${PYTHON:-python3}
 out=$(realpath -m "${1:-dist}")
 target=$(realpath -m "${CARGO_TARGET_DIR:-target}")
 config=()
@@ -25,8 +24,7 @@ for program in cardiotwin cardiotwin-worker; do
     strip "$scripts/$program" 2>/dev/null || echo "build-wheel: $program keeps its symbols, since there is no strip" >&2
 done
 
-env=$target/python-build-env
-test -x "$env/bin/maturin" || { "$PYTHON" -m venv "$env" && "$env/bin/pip" install --quiet "maturin>=1.9,<2"; }
+maturin=$(python/maturin.sh "$target")
 mkdir -p "$out"
 # The programs in it are those of this machine's C library, so the wheel claims no older one.
-CARGO_TARGET_DIR=$target "$env/bin/maturin" build --release --locked "${config[@]}" --compatibility linux --manifest-path python/Cargo.toml --out "$out"
+CARGO_TARGET_DIR=$target "$maturin" build --release --locked "${config[@]}" --compatibility linux --manifest-path python/Cargo.toml --out "$out"
