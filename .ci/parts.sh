@@ -110,10 +110,10 @@ long_part() { # expected seconds, name, command…
 integration_targets() {
     awk '/^\[/ { inside = ($0 == "[[test]]") } inside && /^name *=/ { gsub(/"/, "", $3); print $3 }' tests/Cargo.toml
     local file
-    for file in schemas/tests/*.rs solver/*/tests/*.rs worker/tests/*.rs coordinator/tests/*.rs dev/tests/*.rs; do
+    for file in schemas/tests/*.rs solver/*/tests/*.rs worker/tests/*.rs coordinator/*/tests/*.rs; do
         [ -e "$file" ] && basename "$file" .rs
     done
-    for file in schemas/tests/*/main.rs solver/*/tests/*/main.rs worker/tests/*/main.rs coordinator/tests/*/main.rs; do
+    for file in schemas/tests/*/main.rs solver/*/tests/*/main.rs worker/tests/*/main.rs coordinator/*/tests/*/main.rs; do
         [ -e "$file" ] && basename "$(dirname "$file")"
     done
     true
@@ -123,6 +123,7 @@ part "set up what is missing" deploy/deps.sh test
 
 if $CARGO fmt --version >/dev/null 2>&1; then
     part "format" "$CARGO" fmt --all --check
+    part "format: dev" "$CARGO" fmt --all --manifest-path dev/Cargo.toml --check
 else
     skipped "format" rustfmt "rustfmt is not installed"
 fi
@@ -137,15 +138,19 @@ else
 fi
 
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
-with_mpi=()
+with_mpi=() dev_with_mpi=()
 if missing=$(deploy/mpi-found.sh); then
-    with_mpi=(--features cardiotwin-dev/mpi)
+    with_mpi=(--features cardiotwin-worker/mpi) dev_with_mpi=(--features cardiotwin-dev/mpi)
 fi
 # Settings of cargo beside the workspace's own: CI compiles faster.
-config=()
-[ -z "${CARDIOTWIN_CARGO_CONFIG:-}" ] || config=(--config "$CARDIOTWIN_CARGO_CONFIG")
+config=() dev_config=()
+if [ -n "${CARDIOTWIN_CARGO_CONFIG:-}" ]; then
+    config=(--config "$CARDIOTWIN_CARGO_CONFIG") dev_config=(--config "$CARDIOTWIN_CARGO_CONFIG" --config .ci/dev.toml)
+fi
 # One selection of packages and features for every command, so that nothing is compiled twice.
 everything=(--release --locked --workspace "${with_mpi[@]}" "${config[@]}")
+# Developers' tools, a workspace of its own.
+dev=(--release --locked --manifest-path dev/Cargo.toml --workspace "${dev_with_mpi[@]}" "${dev_config[@]}")
 
 part "build" "$CARGO" build "${everything[@]}" --lib --bins --tests
 short_parts() {
@@ -154,18 +159,22 @@ short_parts() {
     [ -n "${with_mpi[*]}" ] || skipped "tests: mpi" mpi "$missing"
     for name in $(integration_targets | sort -u); do
         case $name in
-        mpi | mpi_beat) [ -n "${with_mpi[*]}" ] || continue ;;
+        mpi) [ -n "${with_mpi[*]}" ] || continue ;;
         book) continue ;; # long: below
         esac
         part "tests: $name" "$CARGO" test "${everything[@]}" --test "$name" -q -- --show-output
     done
 
+    part "tests: dev" "$CARGO" test "${dev[@]}" --lib --bins --tests -q -- --show-output
+
     if $CARGO clippy --version >/dev/null 2>&1; then
         part "clippy, warnings are errors" "$CARGO" clippy "${everything[@]}" --all-targets -- -D warnings
+        part "clippy: dev" "$CARGO" clippy "${dev[@]}" --all-targets -- -D warnings
     else
         skipped "clippy" clippy "clippy is not installed"
     fi
     part "documentation, warnings are errors" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc --release --locked --workspace "${config[@]}" --no-deps --document-private-items
+    part "documentation: dev" env RUSTDOCFLAGS="-D warnings" "$CARGO" doc "${dev[@]}" --no-deps --document-private-items
 }
 if [ "${CARDIOTWIN_TESTS:-}" != long ]; then
     short_parts

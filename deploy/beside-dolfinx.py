@@ -2,7 +2,7 @@
 """The same ventricle under cardiotwin's mechanics and under dolfinx with PETSc: seconds a time step, side by side.
 
     sudo apt install --no-install-recommends python3-dolfinx python3-gmsh        # Debian 12: dolfinx 0.5.2, PETSc 3.18
-    cargo build --release --bin cardiotwin-dev
+    cargo build --release --manifest-path dev/Cargo.toml
     /usr/bin/python3 deploy/beside-dolfinx.py [--nodes 8000] [--steps 40] [--repeats 3] [--json]
 
 A truncated ellipsoid is meshed by gmsh. Both programs read the same nodes, tetrahedra and fibres (±60° through the wall), and solve the

@@ -1,20 +1,20 @@
-//! The architecture as a test: imports between crates and rooms (`architecture/table.rs`),
-//! dependencies refused to solvers, and the length of files. A failure names the file, the line,
-//! the rule and its reason.
+//! The architecture as a test: what Cargo cannot check. The page's table and picture of crates, names and dependencies that
+//! are refused (`architecture/refusals.rs`), circles of files, and the length of files. A failure names the file, the line, the
+//! rule and its reason.
 
 #[path = "architecture/circles.rs"]
 mod circles;
 #[path = "architecture/picture.rs"]
 mod picture;
+#[path = "architecture/refusals.rs"]
+mod refusals;
 #[path = "architecture/scan.rs"]
 mod scan;
-#[path = "architecture/table.rs"]
-mod table;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use table::{CRATES, ROOMS, Rule};
+use refusals::FOR_TESTS;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -99,153 +99,129 @@ fn rust_files(folder: &str) -> Vec<(String, String)> {
     found
 }
 
-fn is_dev(kind: cargo_metadata::DependencyKind) -> bool {
-    matches!(kind, cargo_metadata::DependencyKind::Development)
+fn is_dev(dependency: &cargo_metadata::Dependency) -> bool {
+    dependency.kind == cargo_metadata::DependencyKind::Development
 }
 
 fn none(problems: Vec<String>, what: &str) {
     assert!(problems.is_empty(), "{what}:\n  {}", problems.join("\n  "));
 }
 
-/// Name of a crate in the tables: `cardiotwin-units` is `units`, `cardiotwin` is `coordinator`.
+/// Name of a crate in the table: `cardiotwin-units` is `units`, `cardiotwin` is `cli`.
 fn short(crate_name: &str) -> Option<&str> {
     if crate_name == "cardiotwin" {
-        Some("coordinator")
+        Some("cli")
     } else {
         crate_name.strip_prefix("cardiotwin-")
     }
 }
 
-fn rule<'a>(rules: &'a [Rule], who: &str) -> Option<&'a Rule> {
-    rules.iter().find(|rule| rule.who == who)
+fn page() -> String {
+    std::fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md")
 }
 
-#[test]
-fn crates_import_only_what_the_table_allows() {
-    let metadata = cargo_metadata::MetadataCommand::new()
+/// Crates in the page's table, in its order, each with those that it may import.
+fn table() -> Vec<(String, Vec<String>)> {
+    let page = page();
+    let (_, rows) = page
+        .split_once("| crate | may import (of ours) | so that |\n|---|---|---|\n")
+        .expect("the table of crates");
+    let rows = rows.lines().take_while(|line| line.starts_with('|'));
+    rows.map(|row| {
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let [_, who, may, why, _] = cells[..] else {
+            panic!("not a row of three cells: {row}");
+        };
+        assert!(why.len() > 5, "a row without its reason: {row}");
+        let may = may.split(", ").filter(|name| *name != "nothing");
+        (
+            who.trim_matches('`').to_owned(),
+            may.map(str::to_owned).collect(),
+        )
+    })
+    .collect()
+}
+
+fn packages() -> Vec<cargo_metadata::Package> {
+    cargo_metadata::MetadataCommand::new()
         .manifest_path(root().join("Cargo.toml"))
         .no_deps()
         .exec()
-        .expect("cargo metadata describes the workspace");
+        .expect("cargo metadata describes the workspace")
+        .packages
+}
+
+/// The page's table has a row for each crate, with exactly the imports of its manifest.
+#[test]
+fn the_page_lists_the_imports_of_every_crate() {
+    let mut rows: BTreeMap<String, Vec<String>> = table().into_iter().collect();
     let mut problems = Vec::new();
-    let mut seen = BTreeSet::new();
-    for package in &metadata.packages {
+    for package in packages() {
         let Some(name) = short(package.name.as_str()) else {
             problems.push(format!("crate {} is not called cardiotwin-…", package.name));
             continue;
         };
-        seen.insert(name.to_owned());
-        let Some(rule) = rule(CRATES, name) else {
-            problems.push(format!(
-                "crate {name} has no row in tests/architecture/table.rs: add one with its reason"
-            ));
-            continue;
-        };
-        for dependency in &package.dependencies {
-            match short(&dependency.name) {
-                Some(table::FOR_TESTS) if name == "tests" || is_dev(dependency.kind) => {}
-                Some(other) if !rule.may.contains(&other) => problems.push(format!(
-                    "crate {name} depends on {other} ({}), but may import only {:?}, so that {}",
-                    dependency.kind, rule.may, rule.why
-                )),
-                None if package.manifest_path.as_str().contains("/solver/")
-                    && table::NOT_FOR_SOLVERS.contains(&dependency.name.as_str()) =>
-                {
-                    problems.push(format!(
-                        "solver crate {name} depends on {}",
-                        dependency.name
-                    ));
-                }
-                _ => {}
-            }
+        let used: BTreeSet<String> = package
+            .dependencies
+            .iter()
+            .filter_map(|dependency| {
+                let used = short(&dependency.name)?;
+                let is_free = FOR_TESTS.contains(&used) && (name == "tests" || is_dev(dependency));
+                (!is_free).then(|| used.to_owned())
+            })
+            .collect();
+        let row = rows.remove(name);
+        if row.map(BTreeSet::from_iter).as_ref() != Some(&used) {
+            let used: Vec<String> = used.into_iter().collect();
+            problems.push(format!("{name}: its manifest says {}", used.join(", ")));
         }
     }
-    for rule in CRATES {
-        if !seen.contains(rule.who) {
-            problems.push(format!(
-                "the table names crate {}, which the workspace lacks",
-                rule.who
-            ));
-        }
-    }
+    problems.extend(
+        rows.into_keys()
+            .map(|name| format!("{name}: no such crate")),
+    );
     none(
         problems,
-        "arrows between crates that the architecture refuses",
+        "the table of crates in docs/architecture.md differs from the manifests: give a new arrow its reason there",
     );
-}
-
-/// Module of a file: `coordinator/src/store/events.rs` is `store::events`.
-fn module_of(file: &str) -> Vec<String> {
-    let path = file
-        .trim_start_matches("coordinator/src/")
-        .trim_end_matches(".rs");
-    path.split('/')
-        .filter(|part| !matches!(*part, "mod" | "lib" | "main"))
-        .map(str::to_owned)
-        .collect()
 }
 
 #[test]
-fn rooms_of_the_coordinator_import_only_what_the_table_allows() {
+fn crates_do_not_depend_on_what_is_refused_to_them() {
     let mut problems = Vec::new();
-    let mut seen = BTreeSet::new();
-    for (file, text) in rust_files("coordinator/src") {
-        if file.ends_with("src/lib.rs") {
-            continue; // declares the rooms
-        }
-        let module = module_of(&file);
-        let in_main = file.ends_with("src/main.rs");
-        let may: &[&str] = if in_main {
-            &["cli"]
-        } else {
-            let room = module[0].as_str();
-            seen.insert(room.to_owned());
-            match rule(ROOMS, room) {
-                Some(rule) => rule.may,
-                None => {
-                    problems.push(format!(
-                        "{file}: room {room} has no row in tests/architecture/table.rs"
-                    ));
-                    continue;
-                }
-            }
-        };
-        for path in scan::paths(&text) {
-            let target = if let Some(absolute) = scan::absolute(&path, &module) {
-                absolute.first().cloned()
-            } else if path.names[0] == "cardiotwin" && path.names.len() > 1 {
-                path.names.get(1).cloned() // the library, named from its own binary
-            } else {
-                path.names[0]
-                    .strip_prefix("cardiotwin_")
-                    .map(|name| name.replace('_', "-"))
-            };
-            let Some(target) = target else { continue };
-            let own = module.first().is_some_and(|room| *room == target);
-            // A dependency of tests alone cannot be reached by anything else.
-            let is_for_tests = target == table::FOR_TESTS;
-            if !own && !is_for_tests && !may.contains(&target.as_str()) {
-                problems.push(format!(
-                    "{file}:{}: `{}` reaches {target}; {} may import only {may:?}",
-                    path.line,
-                    path.names.join("::"),
-                    if in_main { "main.rs" } else { &module[0] },
-                ));
+    for package in packages() {
+        let is_solver = package.manifest_path.starts_with(root().join("solver"));
+        for dependency in package
+            .dependencies
+            .iter()
+            .filter(|dependency| !is_dev(dependency))
+        {
+            let name = dependency.name.as_str();
+            let is_sql = name == "sqlx" && !refusals::WITH_SQL.contains(&package.name.as_str());
+            if is_sql || is_solver && refusals::NOT_FOR_SOLVERS.contains(&name) {
+                problems.push(format!("{} depends on {name}", package.name));
             }
         }
     }
-    for rule in ROOMS {
-        if !seen.contains(rule.who) {
-            problems.push(format!(
-                "the table names room {}, which the coordinator lacks",
-                rule.who
-            ));
-        }
-    }
-    none(
-        problems,
-        "arrows between rooms that the architecture refuses",
-    );
+    none(problems, "dependencies that are refused");
+}
+
+/// Developers' tools are another workspace, whose outputs lie in the same folder: profiles that differ would compile every
+/// dependency twice.
+#[test]
+fn both_workspaces_have_the_same_lints_and_profiles() {
+    let [ours, dev] = ["Cargo.toml", "dev/Cargo.toml"].map(|file| {
+        let text = std::fs::read_to_string(root().join(file)).expect("a manifest");
+        let manifest: toml::Table = text.parse().expect("a manifest is TOML");
+        let mut profiles = manifest["profile"].clone();
+        // Each workspace names those of its own members that the other lacks.
+        let packages = profiles["release"]["package"]
+            .as_table_mut()
+            .expect("packages");
+        packages.retain(|name, _| !["cardiotwin-dev", "cardiotwin-tests"].contains(&name));
+        (manifest["workspace"]["lints"].clone(), profiles)
+    });
+    assert_eq!(ours, dev);
 }
 
 /// `solver/mesh/src/checks/mod.rs` in `solver/mesh/src` is the module `checks`.
@@ -263,13 +239,8 @@ fn module_in(source: &str, file: &str) -> Vec<String> {
 /// Files that use each other can only be read together.
 #[test]
 fn files_of_a_crate_do_not_use_each_other_in_circles() {
-    let metadata = cargo_metadata::MetadataCommand::new()
-        .manifest_path(root().join("Cargo.toml"))
-        .no_deps()
-        .exec()
-        .expect("cargo metadata describes the workspace");
     let mut problems = Vec::new();
-    for package in &metadata.packages {
+    for package in packages() {
         let folder = package
             .manifest_path
             .parent()
@@ -298,10 +269,13 @@ fn files_of_a_crate_do_not_use_each_other_in_circles() {
 #[test]
 fn places_do_not_use_the_foreign_names_refused_there() {
     let mut problems = Vec::new();
-    for refusal in table::REFUSALS {
+    for refusal in refusals::REFUSALS {
         for (file, text) in rust_files(refusal.folder) {
             // Tests, benchmarks and examples of a crate may measure time and read anything.
-            if !file.contains("/src/") {
+            let is_free = refusal
+                .except
+                .is_some_and(|except| file.starts_with(except));
+            if is_free || !file.contains("/src/") {
                 continue;
             }
             for path in scan::paths(&text).iter().filter(|path| !path.in_tests) {
@@ -324,7 +298,7 @@ fn places_do_not_use_the_foreign_names_refused_there() {
             .into_iter()
             .filter(|path| path.is_macro && !path.in_tests);
         for path in calls.filter(|_| file.contains("/src/")) {
-            if table::SOLVER_MACROS.contains(&path.names[path.names.len() - 1].as_str()) {
+            if refusals::SOLVER_MACROS.contains(&path.names[path.names.len() - 1].as_str()) {
                 problems.push(format!(
                     "{file}:{}: {}! in a solver: numerics do not print",
                     path.line,
@@ -373,10 +347,10 @@ fn files_keep_to_one_subject() {
     let mut problems = Vec::new();
     for (file, text) in rust_files("") {
         let n_lines = text.lines().count();
-        if n_lines > table::LONGEST_FILE {
+        if n_lines > refusals::LONGEST_FILE {
             problems.push(format!(
                 "{file}: {n_lines} lines, more than {}: name its second half",
-                table::LONGEST_FILE
+                refusals::LONGEST_FILE
             ));
         }
     }
@@ -425,25 +399,11 @@ fn nothing_points_outside_the_repository() {
     none(problems, "places that only one machine has");
 }
 
-#[test]
-fn the_document_shows_the_table_that_is_tested() {
-    let document =
-        std::fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
-    let expected = table::markdown();
-    for line in expected.lines().filter(|line| !line.is_empty()) {
-        assert!(
-            document.contains(line),
-            "docs/architecture.md lacks this line of the table:\n{line}\n\nAll of it:\n{expected}"
-        );
-    }
-}
-
 /// The picture of the house is made from the table, and the map beside it names every crate's folder.
 #[test]
 fn the_document_draws_the_house_as_it_stands() {
-    let document =
-        std::fs::read_to_string(root().join("docs/architecture.md")).expect("docs/architecture.md");
-    let picture = picture::storeys(CRATES);
+    let document = page();
+    let picture = picture::storeys(&table());
     assert!(
         document.contains(&picture),
         "docs/architecture.md lacks this picture:\n{picture}"

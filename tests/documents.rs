@@ -1,82 +1,24 @@
 //! Claims of the documents: links lead to files and headings, and commands, flags, settings,
 //! defaults, error messages and files are those of the program and the repository.
 
+#[path = "documents/commands.rs"]
+mod commands;
 #[path = "documents/pages.rs"]
 mod pages;
 #[path = "documents/settings.rs"]
 mod settings;
+#[path = "documents/texts.rs"]
+mod texts;
 #[path = "documents/worked_changes.rs"]
 mod worked_changes;
 
 mod built;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .parent()
-        .expect("tests/ lies in the workspace")
-        .to_owned()
-}
-
-fn read(path: &Path) -> String {
-    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("cannot read {}: {e}", path.display()))
-}
-
-/// Markdown pages of a folder and its subfolders.
-fn pages_below(folder: &Path, found: &mut Vec<PathBuf>) {
-    for entry in std::fs::read_dir(folder).expect("a folder of the repository") {
-        let path = entry.expect("an entry").path();
-        if path.is_dir() {
-            pages_below(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "md") {
-            found.push(path);
-        }
-    }
-}
-
-/// Pages at the root such as README, everything under docs/, and the pages of the examples.
-fn documents() -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(root()).expect("the repository's folder") {
-        let path = entry.expect("an entry").path();
-        if path.extension().is_some_and(|extension| extension == "md") {
-            found.push(path);
-        }
-    }
-    pages_below(&root().join("docs"), &mut found);
-    for entry in std::fs::read_dir(root().join("examples")).expect("examples/ is a folder") {
-        let page = entry.expect("an entry").path().join("README.md");
-        if page.exists() {
-            found.push(page);
-        }
-    }
-    found.sort();
-    found
-}
-
-/// File name of a page.
-fn name_of(page: &Path) -> &str {
-    page.file_name()
-        .and_then(std::ffi::OsStr::to_str)
-        .expect("a page has a name")
-}
-
-/// Lines inside fenced code blocks, or outside of them.
-fn lines(text: &str, fenced: bool) -> Vec<(usize, &str)> {
-    let mut inside = false;
-    let mut found = Vec::new();
-    for (index, line) in text.lines().enumerate() {
-        if line.trim_start().starts_with("```") {
-            inside = !inside;
-        } else if inside == fenced {
-            found.push((index + 1, line));
-        }
-    }
-    found
-}
+use texts::{documents, lines, name_of, read, root};
 
 /// Anchors that GitHub makes from headings, and explicit ones.
 fn anchors(text: &str) -> BTreeSet<String> {
@@ -176,86 +118,11 @@ fn help(program: &str, arguments: &[&str]) -> Option<String> {
         .then(|| String::from_utf8(output.stdout).expect("help is UTF-8"))
 }
 
-/// The program built from this tree has each `cardiotwin COMMAND … --flag` of the documents.
+/// The two programs of users have each command and flag that the documents show. A test of `dev/`
+/// looks at developers' program in the same way.
 #[test]
 fn commands_and_their_flags_exist() {
-    const MOVED: [(&str, &str); 3] = [
-        ("cardiotwin", "bench"),
-        ("cardiotwin-worker", "bench"),
-        ("cardiotwin-worker", "benchmark"),
-    ];
-    // Commands in code, fenced or inline; a placeholder such as DIR or … ends the part that can be
-    // checked.
-    let call = regex::Regex::new(
-        r"(?m)(?:^|[`/ ])(cardiotwin(?:-worker|-dev)?) ([a-z][a-z-]+)((?: [^`\n#]*)?)",
-    )
-    .expect("a regular expression");
-    let flag = regex::Regex::new(r"(?:^|[ \[])(--[a-z][a-z-]+)").expect("a regular expression");
-    let inline = regex::Regex::new(r"`([^`]+)`").expect("a regular expression");
-    let mut helps: BTreeMap<String, Option<String>> = BTreeMap::new();
-    let mut problems = Vec::new();
-    for file in documents() {
-        let text = read(&file);
-        let mut code: Vec<(usize, String)> = lines(&text, true)
-            .into_iter()
-            .map(|(number, line)| (number, line.to_owned()))
-            .collect();
-        for (number, line) in lines(&text, false) {
-            code.extend(
-                inline
-                    .captures_iter(line)
-                    .map(|found| (number, found[1].to_owned())),
-            );
-        }
-        for (number, line) in code {
-            for found in call.captures_iter(&line) {
-                let (program, command, rest) = (&found[1], &found[2], &found[3]);
-                let mut words = vec![command];
-                let place = format!("{}:{number}", file.display());
-                let mut known = helps
-                    .entry(format!("{program} {command}"))
-                    .or_insert_with(|| help(program, &words))
-                    .clone();
-                // A command with subcommands, such as `config show`.
-                if let (Some(text), Some(second)) = (&known, rest.split_whitespace().next())
-                    && text.contains("Commands:")
-                {
-                    words.push(second);
-                    let key = format!("{program} {}", words.join(" "));
-                    known = helps
-                        .entry(key)
-                        .or_insert_with(|| help(program, &words))
-                        .clone();
-                }
-                let command = words.join(" ");
-                let Some(known) = known else {
-                    // The change log also names commands that have moved to another program.
-                    if name_of(&file) == "CHANGELOG.md"
-                        && MOVED.contains(&(program, command.as_str()))
-                    {
-                        continue;
-                    }
-                    problems.push(format!("{place}: {program} has no command {command}"));
-                    continue;
-                };
-                for flag in flag.captures_iter(rest) {
-                    if !known.contains(&flag[1]) {
-                        problems.push(format!("{place}: {program} {command} has no {}", &flag[1]));
-                    }
-                }
-            }
-        }
-    }
-    assert!(
-        helps.len() > 8,
-        "the documents show commands, but only {:?} were found",
-        helps.keys()
-    );
-    assert!(
-        problems.is_empty(),
-        "commands that do not exist:\n  {}",
-        problems.join("\n  ")
-    );
+    commands::assert_that_they_exist(&["cardiotwin", "cardiotwin-worker"], &help);
 }
 
 /// Help of a program, its commands and their subcommands.
@@ -311,18 +178,13 @@ fn flags_in_prose_exist() {
         "--plugin-info",
     ];
     let mut helps = Vec::new();
-    for program in ["cardiotwin", "cardiotwin-worker", "cardiotwin-dev"] {
+    for program in ["cardiotwin", "cardiotwin-worker"] {
         helps_below(program, &mut Vec::new(), &mut helps);
     }
-    // Programs that this build does not make: the worker on MPI ranks, scripts, examples of the
-    // solver.
+    // Programs that this build does not make: the worker on MPI ranks, scripts, developers' tools,
+    // examples of the solver.
     let mut sources = vec![read(&root().join("worker/src/mpi_main.rs"))];
-    for folder in [
-        "worker/src/mpi",
-        "deploy",
-        "solver/discover/examples",
-        "solver/models/examples",
-    ] {
+    for folder in ["worker/src/mpi", "deploy", "dev", "solver/models/examples"] {
         texts(&root().join(folder), &mut sources);
     }
     let inline = regex::Regex::new(r"`([^`]+)`").expect("a regular expression");

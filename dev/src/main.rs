@@ -95,7 +95,7 @@ enum Bench {
 fn main() -> ExitCode {
     // Jobs of `bench sleepers` start this program as the driver of their node.
     if std::env::args().nth(1).as_deref() == Some("drive") {
-        return cardiotwin::cli::main();
+        return cardiotwin::main();
     }
     return_large_blocks();
     let done = match Cli::parse().command {

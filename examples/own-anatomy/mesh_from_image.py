@@ -18,32 +18,81 @@ from pathlib import Path
 import numpy as np
 
 
-def surface_of_labels(path, labels, voxel_mm, smooth_mm):
-    """Points (mm, the image's own world) and triangles of the boundary of some labels."""
+# Voxels of an image, and of its resampled form: a cube of a thousand each way. A packed header of a few bytes may claim any number.
+MOST_VOXELS = 1_000_000_000
+
+# Length of a unit of the image's header in mm; a header without a unit is in mm, as all viewers take it.
+UNIT_MM = {"mm": 1.0, "meter": 1000.0, "micron": 0.001, "unknown": 1.0}
+
+
+def refuse_large(path, shape, remedy):
+    """Ends the program for an image of more voxels than any heart needs, before memory is taken for them."""
+    n = 1
+    for side in shape:
+        n *= int(np.ceil(side))
+    if n > MOST_VOXELS:
+        sides = " x ".join(str(int(np.ceil(side))) for side in shape)
+        sys.exit(f"{path}: an image of {sides} voxels, expected at most {MOST_VOXELS}; {remedy}")
+
+
+def labels_in_mm(path, frame=None):
+    """Labels of an image as a 3D array, and its affine map to mm. `frame`: number of the image of a series, from 1."""
     import nibabel
+
+    try:
+        image = nibabel.load(path)
+        refuse_large(path, image.shape, "save a part of it, or one frame")
+        values = np.asarray(image.dataobj)
+    except (OSError, EOFError, ValueError, nibabel.filebasedimages.ImageFileError) as error:
+        sys.exit(f"{path}: cannot be read as an image ({error}); expected a NIfTI file, .nii or .nii.gz")
+    unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "unknown"
+    if unit not in UNIT_MM:
+        sys.exit(f"{path}: lengths in {unit!r}, expected mm, metres or micrometres in the header")
+    affine = image.affine.copy()
+    affine[:3] *= UNIT_MM[unit]
+    if values.ndim < 3:
+        sys.exit(f"{path}: an image of {values.ndim} dimensions, expected three")
+    frames = values.reshape(values.shape[:3] + (-1,))
+    n = frames.shape[3]
+    if frame is None and n > 1:
+        sys.exit(f"{path}: {n} frames; say which one with --frame, 1 to {n}")
+    if not 1 <= (frame or 1) <= n:
+        sys.exit(f"{path}: no frame {frame}; there are {n}")
+    values = frames[..., (frame or 1) - 1]
+    if not np.isfinite(values).all() or np.abs(values - np.rint(values)).max(initial=0) > 1e-3:
+        sys.exit(f"{path}: values that are no whole numbers, such as {values.max():g}; expected labels, not an image of grey values")
+    sides_mm = np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
+    extent_mm = np.linalg.norm(sides_mm * values.shape)
+    if not 20 <= extent_mm <= 3000:
+        sys.exit(f"{path}: an image of {extent_mm:.3g} mm across, expected that of a heart; check the unit in its header ({unit})")
+    return np.rint(values).astype(int), affine
+
+
+def surface_of_labels(path, labels, voxel_mm, smooth_mm, frame=None):
+    """Points (mm, the image's own world) and triangles of the boundary of some labels."""
     from scipy.ndimage import gaussian_filter, label as pieces, zoom
     from skimage.measure import marching_cubes
 
-    image = nibabel.load(path)
-    inside = np.isin(np.rint(np.asarray(image.dataobj)).astype(int), labels)
+    values, affine = labels_in_mm(path, frame)
+    inside = np.isin(values, labels)
     if not inside.any():
-        found = np.unique(np.rint(np.asarray(image.dataobj)).astype(int)).tolist()
-        sys.exit(f"{path}: no voxel has one of the labels {labels}; labels there are {found}")
+        sys.exit(f"{path}: no voxel has one of the labels {labels}; labels there are {np.unique(values).tolist()}")
     # islands that the segmentation left: the largest piece is the heart
     numbered, n = pieces(inside)
     if n > 1:
         sizes = np.bincount(numbered.ravel())[1:]
         print(f"{n - 1} islands of {sizes.sum() - sizes.max()} voxels left out", file=sys.stderr)
         inside = numbered == 1 + sizes.argmax()
-    sides_mm = np.sqrt((image.affine[:3, :3] ** 2).sum(axis=0))
+    sides_mm = np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
     inside = np.pad(inside.astype(np.float32), 2)
     # thick slices are resampled before they are smoothed, so that steps between them do not become ridges
     factors = np.maximum(sides_mm / voxel_mm, 1.0)
+    refuse_large(path, np.array(inside.shape) * factors, "give a larger --voxel-mm, or a part of the image")
     fine = zoom(inside, factors, order=1, grid_mode=True, mode="nearest")
     fine = gaussian_filter(fine, smooth_mm / (sides_mm / factors))
     points, triangles, _, _ = marching_cubes(fine, 0.5)
     voxels = (points + 0.5) / factors - 0.5 - 2
-    return voxels @ image.affine[:3, :3].T + image.affine[:3, 3], triangles
+    return voxels @ affine[:3, :3].T + affine[:3, 3], triangles
 
 
 def surface_of_stl(path, unit_mm):
@@ -90,6 +139,7 @@ def main():
     ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ask.add_argument("input", type=Path, help="label image (.nii, .nii.gz) or surface of the wall (.stl)")
     ask.add_argument("--myocardium", default="1", help="labels of the left ventricle's wall, separated by commas")
+    ask.add_argument("--frame", type=int, help="number of the image in a series of several, from 1")
     ask.add_argument("--unit-mm", type=float, default=1.0, help="length of an STL file's unit in mm")
     ask.add_argument("--edge-mm", type=float, default=4.0, help="length of edges")
     ask.add_argument("--voxel-mm", type=float, default=1.0, help="labels are resampled to at most this size")
@@ -100,8 +150,11 @@ def main():
     if args.input.suffix == ".stl":
         points, triangles = surface_of_stl(args.input, args.unit_mm)
     else:
-        labels = [int(label) for label in args.myocardium.split(",")]
-        points, triangles = surface_of_labels(args.input, labels, args.voxel_mm, args.smooth_mm)
+        try:
+            labels = [int(label) for label in args.myocardium.split(",")]
+        except ValueError:
+            sys.exit(f"--myocardium {args.myocardium}: expected whole numbers, separated by commas")
+        points, triangles = surface_of_labels(args.input, labels, args.voxel_mm, args.smooth_mm, args.frame)
     print(f"surface: {len(points)} points, {len(triangles)} triangles", file=sys.stderr)
     nodes, tets = tetrahedra(points, triangles, args.edge_mm, args.distance_mm)
     write_medit(args.out, nodes, tets, 1)

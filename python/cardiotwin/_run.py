@@ -297,7 +297,7 @@ def _follow(arguments: Sequence[Any], run: Run, progress: bool) -> None:
             raise
         words.seek(0)
         text = words.read()
-    if started.returncode not in (0, 1):
+    if started.returncode not in (0, 1, 7):  # 7: done, but a twin is off
         raise from_exit(started.returncode, text)
     if display is not None:
         display()

@@ -10,7 +10,7 @@ use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_worker::average_ventricle::average_ventricle;
 use cardiotwin_worker::error::{TaskError, chain};
-use cardiotwin_worker::tasks::organ_beat::{reduced_beat, reduced_beat_with_traces};
+use cardiotwin_worker::tasks::organ_beat::{ReducedOrgan, reduced_beat, reduced_beat_with_traces};
 use cardiotwin_worker::tasks::proposal::in_one_fibre;
 use numpy::{PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray2, ToPyArray as _};
 use pyo3::prelude::*;
@@ -106,7 +106,9 @@ impl Ventricle {
     fn beat<'py>(&self, py: Python<'py>) -> PyResult<(String, Bound<'py, PyDict>)> {
         let (passive, activation) = self.wall()?;
         let (result, traces) = py
-            .detach(|| reduced_beat_with_traces(&self.spec, &passive, &activation))
+            .detach(|| {
+                reduced_beat_with_traces(&self.spec, &ReducedOrgan::one_fibre(passive, activation))
+            })
             .map_err(|error| model(&error))?;
         let columns = PyDict::new(py);
         for (name, values) in [
@@ -189,7 +191,7 @@ impl Ventricle {
         let Some((passive, activation)) = wall(&spec) else {
             return Ok(None);
         };
-        let beat = reduced_beat(&spec, &passive, &activation)?;
+        let beat = reduced_beat(&spec, &ReducedOrgan::one_fibre(passive, activation))?;
         Ok(beat.as_ref().map(Row::of))
     }
 }

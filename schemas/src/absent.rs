@@ -14,3 +14,8 @@ pub(crate) fn is_zero(value: &f64) -> bool {
 pub(crate) fn is_zero_count(value: &u32) -> bool {
     *value == 0
 }
+
+/// Ratio of the contraction's durations across the wall, where an earlier program's figures lack it.
+pub(crate) const fn epicardial_duration_share() -> f64 {
+    0.9
+}

@@ -539,4 +539,7 @@ pub struct VentricleFigures {
     pub onset_ms: f64,
     /// Time from the first to the last activation of muscle.
     pub spread_ms: f64,
+    /// Duration of the contraction at the epicardium over that at the endocardium.
+    #[serde(default = "crate::absent::epicardial_duration_share")]
+    pub epicardial_duration_share: f64,
 }

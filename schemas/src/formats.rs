@@ -96,7 +96,7 @@ formats! {
     DRIVER_END { "driver's end", 1, "`ended-E-N.json`", "driver", "coordinator", "schemas/tests/golden/driver-end.json" }
 
     /// Database of a run. Migrations raise earlier versions to this one.
-    DATABASE { "database", 2, "`cardiotwin.db`", "coordinator", "coordinator", "coordinator/src/store/golden/database.sql" }
+    DATABASE { "database", 2, "`cardiotwin.db`", "coordinator", "coordinator", "coordinator/store/src/golden/database.sql" }
     /// State of a patient's state machine.
     PATIENT_STATE { "patient's state", 1, "column `patients.state`", "coordinator", "coordinator", "coordinator/workflow/tests/golden/patient-states.json" }
     /// State of a task's state machine.
@@ -112,15 +112,15 @@ formats! {
     /// Settings and inputs from which a patient's tasks are derived.
     PLAN { "plan", 1, "columns `plans.given`, `plans.plan`", "coordinator", "coordinator", "schemas/tests/golden/plan.json" }
     /// Actions that were decided and are still to be executed.
-    ACTIONS { "actions", 1, "column `outbox.action`", "coordinator", "coordinator", "coordinator/src/store/golden/actions.json" }
+    ACTIONS { "actions", 1, "column `outbox.action`", "coordinator", "coordinator", "coordinator/store/src/golden/actions.json" }
     /// Requests to a cluster and its answers.
-    JOB_BOOKS { "cluster job's books", 1, "columns `jobs.spec`, `jobs.seen`, `allotments.allotment`", "coordinator", "coordinator", "coordinator/src/store/golden/job-books.json" }
+    JOB_BOOKS { "cluster job's books", 1, "columns `jobs.spec`, `jobs.seen`, `allotments.allotment`", "coordinator", "coordinator", "coordinator/store/src/golden/job-books.json" }
     /// Process that holds a run.
-    LOCK { "lock", 1, "`coordinator.lock`", "coordinator", "coordinator", "coordinator/src/store/golden/lock.json" }
+    LOCK { "lock", 1, "`coordinator.lock`", "coordinator", "coordinator", "coordinator/store/src/golden/lock.json" }
     /// Host that holds a run on a shared file system.
-    LEASE { "lease", 1, "`lease/*.json`", "coordinator", "coordinator", "coordinator/src/store/golden/lease.json" }
+    LEASE { "lease", 1, "`lease/*.json`", "coordinator", "coordinator", "coordinator/store/src/golden/lease.json" }
     /// Request of a command to a running coordinator.
-    REQUEST { "request", 1, "`requests/*.json`", "coordinator's commands", "coordinator", "coordinator/src/engine/golden/requests.json" }
+    REQUEST { "request", 1, "`requests/*.json`", "coordinator's commands", "coordinator", "coordinator/engine/src/golden/requests.json" }
 
     /// Specification of a sweep.
     SWEEP { "sweep", 1, "`sweep.json`", "coordinator", "coordinator", "schemas/tests/golden/sweep.json" }
@@ -132,6 +132,8 @@ formats! {
     DISCOVER_CASE { "discover case", 1, "`discover/discover.json`, `cardiotwin discover --json`", "coordinator", "coordinator", "schemas/tests/golden/discover-case.json" }
     /// Findings about a patient.
     MODEL { "patient's model", 1, "`model.toml`", "coordinator, people", "coordinator", "schemas/tests/golden/model.toml" }
+    /// What organs taught about the organ's law.
+    LAW { "organ's law", 1, "`cardiotwin export --law FILE`", "coordinator", "coordinator, worker", "schemas/tests/golden/law.json" }
     /// Steps from recordings to a patient's files.
     PREPARATION { "preparation", 1, "`prepared/prepare.json`, `cardiotwin prepare --json`", "coordinator", "people's programs", "schemas/tests/golden/preparation.json" }
     /// A message to people.

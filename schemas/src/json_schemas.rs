@@ -15,6 +15,7 @@ pub fn all() -> Vec<(&'static str, Schema)> {
             "model.schema.json",
             schema_for!(crate::overlay::ModelOverlay),
         ),
+        ("law.schema.json", schema_for!(crate::organ_law::LawFile)),
         ("spec.schema.json", schema_for!(crate::task::AttemptSpec)),
         (
             "outcome.schema.json",

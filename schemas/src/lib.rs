@@ -30,6 +30,7 @@ pub mod notices;
 mod one_fibre;
 pub mod organ;
 mod organ_beat;
+pub mod organ_law;
 pub mod outcome;
 pub mod overlay;
 pub mod patient;

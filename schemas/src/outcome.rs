@@ -11,6 +11,7 @@ use crate::failure::Failure;
 use crate::ids::AttemptId;
 use crate::motion::MotionMeasures;
 use crate::organ::Step1Parameters;
+use crate::organ_law::LawSamples;
 use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
 use crate::samples::BeatSamples;
@@ -166,6 +167,9 @@ pub struct OrganBeatResult {
     /// eject.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub motion: Option<MotionMeasures>,
+    /// Samples from which the organ's law is learned; absent for a reduced ventricle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<LawSamples>,
     /// Counters by name, such as time steps, cut steps and Newton iterations.
     pub counters: BTreeMap<String, f64>,
 }
@@ -244,7 +248,11 @@ pub struct ProposalResult<P> {
     /// Factor on each biomarker of the one-fibre ventricle at this simulation.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub correction: BTreeMap<String, f64>,
-    /// Number of beats of the one-fibre ventricle that were computed.
+    /// Number of beats from which the organ's law was learned; absent if the one-fibre ventricle
+    /// made the proposal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law_beats: Option<u32>,
+    /// Number of beats of the reduced ventricle that were computed.
     pub reduced_beats: u64,
 }
 

@@ -63,6 +63,9 @@ pub struct Measured {
         skip_serializing_if = "Option::is_none"
     )]
     pub end_diastolic_volume_ml: Option<f64>,
+    /// Rules of consistency that these data may break, by name (docs/prepare.md lists them).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub accept: Vec<String>,
     /// Number of beats that were averaged into the traces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beats_averaged: Option<u32>,

@@ -12,6 +12,7 @@ use crate::organ::{
     BeatCount, CellStretch, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters,
     ValveParameters,
 };
+use crate::organ_law::LawSamples;
 use crate::outcome::PassiveStateResult;
 use crate::patient::Noise;
 use crate::posterior::{PosteriorSpec, TwinBeat};
@@ -62,6 +63,9 @@ pub struct ResolvedPatient {
     /// Measured calcium transient, for `step2.calcium = "median-trace"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calcium: Option<InputFile>,
+    /// File with what other organs taught about the organ's law (`workflow.law`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<InputFile>,
     /// Noise of the traces as stated by the clinic.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<Noise>,
@@ -178,12 +182,14 @@ impl ResolvedPatient {
     /// Task that proposes the next simulation of step 1, by space mapping.
     ///
     /// - `start`: initial guess
+    /// - `law`: beats from which the organ's law is learned
     #[must_use]
     pub fn step1_proposal_spec(
         &self,
         step0: &PassiveStateResult,
         start: &Step1Parameters,
         runs: Vec<Step1Run>,
+        law: Option<Vec<LawSamples>>,
     ) -> Step1ProposalSpec {
         let Settings { solver, step1, .. } = &*self.settings;
         let contraction = ContractionSpec::Tanh {
@@ -202,6 +208,8 @@ impl ResolvedPatient {
             bounds: step1.bounds.clone(),
             frozen: step1.frozen.clone(),
             weights: step1.weights.clone(),
+            prior: law.as_ref().and(self.law.clone()),
+            law,
             seed: PROPOSAL_SEED,
         }
     }
@@ -209,16 +217,20 @@ impl ResolvedPatient {
     /// Task that proposes the next simulation of step 3, by space mapping.
     ///
     /// - `cell`: cell and beats at the start of step 3
-    /// - `runs`: the verification beat and those of step 3 so far
+    /// - `runs`: the verification beat and those of step 3 so far; empty for the fit of step 2's cell
+    ///   in the organ
+    /// - `law`: beats with a cell from which the organ's law is learned, in addition to step 1's
     #[must_use]
     pub fn step3_proposal_spec(
         &self,
         step0: &PassiveStateResult,
         cell: &CellInOrgan,
         runs: Vec<Step3Run>,
+        law: &[LawSamples],
     ) -> Step3ProposalSpec {
         let step3 = &self.settings.step3;
-        let CellInOrgan { beat, step1 } = cell.clone();
+        let law = cell.law_with(law);
+        let CellInOrgan { beat, step1, .. } = cell.clone();
         Step3ProposalSpec {
             parameters: step3.moved(&beat.valves),
             traces: step3.traces(step0, beat.cycle_length_ms),
@@ -227,6 +239,8 @@ impl ResolvedPatient {
             runs,
             step1,
             uncertainty_percent: step3.uncertainty_percent.clone(),
+            prior: law.as_ref().and(self.law.clone()),
+            law,
             seed: PROPOSAL_SEED,
         }
     }
@@ -234,12 +248,14 @@ impl ResolvedPatient {
     /// Task that computes the uncertainty of a twin.
     ///
     /// - `cell`: cell and beats at the start of step 3
+    /// - `law`: beats with a cell from which the organ's law is learned, in addition to step 1's
     #[must_use]
     pub fn posterior_spec(
         &self,
         step0: &PassiveStateResult,
         cell: &CellInOrgan,
         twin: TwinBeat,
+        law: &[LawSamples],
     ) -> PosteriorSpec {
         let Settings {
             step3, posterior, ..
@@ -254,6 +270,8 @@ impl ResolvedPatient {
             noise: self.noise.clone().unwrap_or_default(),
             uncertainty_percent: step3.uncertainty_percent.clone(),
             settings: *posterior,
+            law: cell.law_with(law),
+            prior: cell.law.as_ref().and(self.law.clone()),
             seed: PROPOSAL_SEED,
         }
     }
@@ -297,6 +315,7 @@ impl ResolvedPatient {
             random_stream: None,
             step0,
             calcium: None,
+            law: None,
             noise: None,
             external_files: Vec::new(),
             settings: Shared::default(),

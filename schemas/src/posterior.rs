@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::Biomarkers;
 use crate::determination::Determination;
+use crate::input_file::InputFile;
 use crate::organ_beat::OrganBeatSpec;
+use crate::organ_law::LawSamples;
 use crate::patient::Noise;
 use crate::samples::{BeatSamples, N_SAMPLES};
 use crate::step3::MovedParameter;
@@ -46,6 +48,12 @@ pub struct PosteriorSpec {
     pub noise: Noise,
     /// Standard deviations of the measured biomarkers, percent.
     pub uncertainty_percent: BTreeMap<String, f64>,
+    /// Beats from which the organ's law is learned, as in step 1's proposals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Vec<LawSamples>>,
+    /// File of the law before the first beat, as in step 1's proposals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prior: Option<InputFile>,
     /// Settings of the sampling.
     pub settings: PosteriorSettings,
     /// Seed of all random numbers.

@@ -39,6 +39,9 @@ pub struct RawFile {
     /// Filling pressure, which is copied to the patient file unchanged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub preload: Option<Preload>,
+    /// Rules of consistency that these recordings may break, by name (docs/prepare.md lists them).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub accept: Vec<String>,
     /// Settings of each step.
     pub steps: RawSteps,
 }

@@ -113,6 +113,13 @@ pub struct TaskRecord<T> {
 }
 
 impl<T> TaskRecord<T> {
+    /// Absolute path of the artefact called `name`, and its SHA-256 when it was written.
+    #[must_use]
+    pub fn stored(&self, name: &str) -> Option<(PathBuf, &str)> {
+        let artefact = self.artefacts.iter().find(|a| a.name == name)?;
+        Some((self.directory.join(&artefact.file), &artefact.sha256))
+    }
+
     /// Absolute path of the artefact called `name`.
     #[must_use]
     pub fn artefact(&self, name: &str) -> Option<PathBuf> {
@@ -163,6 +170,14 @@ pub struct Step3IterationRecord {
 }
 
 impl PatientRecord {
+    /// Verdict on a verified twin that is outside of its tolerances; `None` for any other patient.
+    #[must_use]
+    pub fn off(&self) -> Option<&Verdict> {
+        self.verdict
+            .as_ref()
+            .filter(|verdict| !verdict.personalised)
+    }
+
     /// The beat of the personalised twin: the best beat of step 3, or else the verification beat.
     #[must_use]
     pub fn twin(&self) -> Option<&TaskRecord<OrganBeatResult>> {

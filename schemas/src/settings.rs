@@ -328,11 +328,29 @@ pub enum LastStep {
 }
 
 /// Settings of the workflow.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorkflowSettings {
     /// Last step that a patient runs through.
     pub until: LastStep,
+    /// Ventricle in which parameters of a finite-element ventricle are sought.
+    pub surrogate: Surrogate,
+    /// File with what other organs taught about the organ's law, from `cardiotwin export --law`. Its
+    /// path is relative to the cohort's folder. Without it, the law of the program is the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<String>,
+}
+
+/// Fast ventricle in which the parameters of a finite-element ventricle are sought.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Surrogate {
+    /// The organ's law: pressure and stretch as functions of volume and mean stress, learned from
+    /// the patient's own beats. Step 2's cell is then fitted in the organ.
+    #[default]
+    OrganLaw,
+    /// The one-fibre ventricle. Step 2's cell is fitted against a spring, as in the paper.
+    OneFibre,
 }
 
 /// Settings of the verification beat.

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::failure::FailureClass;
+use crate::verdict::OFF;
 
 /// State of a patient.
 #[derive(
@@ -227,6 +228,13 @@ pub struct PatientStatus {
 }
 
 impl PatientStatus {
+    /// Whether the patient is done, but its verified twin is outside of the tolerances. The note of such
+    /// a patient has the verdict.
+    #[must_use]
+    pub fn is_off(&self) -> bool {
+        self.state == PatientState::Done && self.note.contains(OFF)
+    }
+
     /// The step, unless the state alone says all.
     #[must_use]
     pub fn step_shown(&self) -> &str {

@@ -11,6 +11,7 @@ use crate::finite_element::{AnatomySpec, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, TaskKey};
 use crate::organ::{EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters};
+use crate::organ_law::LawSamples;
 use crate::posterior::PosteriorSpec;
 use crate::samples::{BeatSamples, MeasuredTraces};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
@@ -90,12 +91,14 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::OrganBeat(_) => 11,
-            Self::PassiveState(_) | Self::Discover(_) => 8,
-            Self::Step1Proposal(_) | Self::Step3Proposal(_) => 7,
+            Self::OrganBeat(_) => 14,
+            Self::PassiveState(_) => 9,
+            Self::Discover(_) => 9,
+            Self::Step1Proposal(_) | Self::Step3Proposal(_) => 9,
             Self::CellFit(_) => 6,
             Self::CellSweep(_) => 4,
-            Self::Targets(_) | Self::Posterior(_) => 3,
+            Self::Posterior(_) => 6,
+            Self::Targets(_) => 3,
             Self::Noop(_) => 1,
         }
     }
@@ -231,6 +234,14 @@ pub struct Step1ProposalSpec {
     /// Weights of the squared relative differences in the misfit, if they differ from those of the
     /// cost, which are 0 for `SV_mL` and 1 for the others.
     pub weights: BTreeMap<String, f64>,
+    /// Beats from which the organ's law is learned, oldest first. The surrogate is the one-fibre
+    /// ventricle if the field is absent, and the law of the prior if it is empty.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Vec<LawSamples>>,
+    /// File of the law before the first beat ([`crate::organ_law::LawFile`]); absent for the law of
+    /// the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prior: Option<InputFile>,
     /// Seed of the points at which the searches start.
     pub seed: u64,
 }
@@ -286,6 +297,13 @@ pub struct Step3ProposalSpec {
     /// Measured traces; absent if no trace counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub traces: Option<MeasuredTraces>,
+    /// Beats from which the organ's law is learned, as in step 1's proposals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Vec<LawSamples>>,
+    /// File of the law before the first beat ([`crate::organ_law::LawFile`]); absent for the law of
+    /// the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prior: Option<InputFile>,
     /// Seed of the points at which the searches start.
     pub seed: u64,
 }
@@ -307,6 +325,18 @@ pub struct CellInOrgan {
     pub beat: OrganBeatSpec,
     /// Best beat of step 1; `None` if step 1 gave none.
     pub step1: Option<Step1Beat>,
+    /// Beats of step 1 from which the organ's law is learned; `None` for the one-fibre ventricle.
+    pub law: Option<Vec<LawSamples>>,
+}
+
+impl CellInOrgan {
+    /// Beats from which the organ's law is learned: step 1's, then `others`. `None` for the one-fibre
+    /// ventricle.
+    #[must_use]
+    pub fn law_with(&self, others: &[LawSamples]) -> Option<Vec<LawSamples>> {
+        let step1 = self.law.as_ref()?;
+        Some(step1.iter().chain(others).cloned().collect())
+    }
 }
 
 /// Input for the median nodal traces and the targets of step 2.

@@ -95,6 +95,9 @@ impl Verdict {
     }
 }
 
+/// Words for a verified twin outside of its tolerances, with which its verdict begins.
+pub const OFF: &str = "verified, off";
+
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.personalised {
@@ -107,7 +110,7 @@ impl fmt::Display for Verdict {
             .into_iter()
             .map(|(name, percent)| format!("{name} {percent:+.0} %"))
             .collect();
-        write!(f, "verified, off: {}", off.join(", "))
+        write!(f, "{OFF}: {}", off.join(", "))
     }
 }
 

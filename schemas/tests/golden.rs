@@ -88,6 +88,7 @@ fn every_file_is_read_and_written_alike() {
                     format.golden
                 );
             }
+            formats::LAW => round::<cardiotwin_schemas::organ_law::LawFile>(format, &text),
             formats::PREPARATION => round::<preparation::Preparation>(format, &text),
             formats::NOTICE => round::<notices::Notice>(format, &text),
             formats::STATUS => round::<status::Status>(format, &text),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin::engine::{AttemptRecord, EventRecord, Reader};
+use cardiotwin_engine::{AttemptRecord, EventRecord, Reader};
 use cardiotwin_schemas::status::Status;
 use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::Patient;

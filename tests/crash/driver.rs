@@ -7,7 +7,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use cardiotwin::engine::{RunOptions, StopSignal, run};
+use cardiotwin_engine::{RunOptions, StopSignal, run};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 

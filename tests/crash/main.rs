@@ -63,6 +63,36 @@ fn a_coordinator_killed_at_any_point_is_continued_with_workers() {
     die_at_every_point(&worker(), 2, 20);
 }
 
+/// A run that an earlier version left half done is converted by the next one, which dies at each of its first points.
+#[test]
+fn a_coordinator_killed_while_it_converts_an_older_run_is_continued() {
+    let mut places = Vec::new();
+    for point in 1.. {
+        let scene = Scene::new(2, 0, "in-process");
+        assert!(scene.run_until_crash_point(14).died, "the run was over");
+        scene.make_older();
+        let second = scene.run_until_crash_point(point);
+        let book = Book::read(&scene);
+        scene.finish();
+        Book::read(&scene).assert_sound();
+        assert_eq!(
+            book.end_state().0.len(),
+            2,
+            "readers see the patients after {}",
+            second.last_words
+        );
+        if !second.last_words.contains("conversion") && !second.last_words.contains("older") {
+            break;
+        }
+        places.push(second.last_words);
+    }
+    assert_eq!(
+        places.len(),
+        3,
+        "one for the copy and two around the conversion: {places:?}"
+    );
+}
+
 #[test]
 fn a_coordinator_killed_twice_at_any_point_is_continued() {
     let worker = worker();

@@ -10,6 +10,8 @@ use std::time::{Duration, Instant};
 
 use cardiotwin_schemas::progress::Claim;
 use rustix::process::{Pid, Signal};
+use sqlx::Connection as _;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 
 /// Path of the coordinator's executable.
 pub const DRIVER: &str = env!("CARGO_BIN_EXE_crash-driver");
@@ -58,6 +60,26 @@ impl Scene {
 
     pub fn run_dir(&self) -> PathBuf {
         self.dir.path().join("run")
+    }
+
+    /// Makes of the database one of format 1, as the first version left it.
+    pub fn make_older(&self) {
+        let file = SqliteConnectOptions::new().filename(self.run_dir().join("cardiotwin.db"));
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .expect("a runtime");
+        runtime.block_on(async {
+            let mut connection = SqliteConnection::connect_with(&file)
+                .await
+                .expect("the database opens");
+            let sql = "DROP TABLE jobs; DROP TABLE allotments; DELETE FROM _sqlx_migrations WHERE version = 2; PRAGMA user_version = 1";
+            sqlx::raw_sql(sql)
+                .execute(&mut connection)
+                .await
+                .expect("the tables can be dropped");
+            connection.close().await.expect("the database closes");
+        });
     }
 
     fn hold_file(&self) -> PathBuf {

@@ -175,3 +175,26 @@ fn address(text: &str) -> String {
     let host = std::net::Ipv4Addr::from(u32::from_str_radix(host, 16).unwrap().to_le_bytes());
     format!("{host}:{}", u16::from_str_radix(port, 16).unwrap())
 }
+
+#[test]
+fn long_addresses_and_requests_without_an_end_are_answered() {
+    let cohort = Cohort::quick_of("01-CoA");
+    cohort.call(&["run", "--no-report"]).expect(0);
+    let dashboard = Dashboard::start(cohort.path(), &[]);
+    let cookie = dashboard.cookie();
+    let long = "x".repeat(16 << 10);
+    for path in [format!("/{long}"), format!("/api/patient/{long}")] {
+        let answer = dashboard.ask(&format!("GET {path}"), &[&cookie]);
+        assert_eq!(answer.status, 404, "{path:.20}");
+    }
+    // As curl 7.88 leaves it where a long address leaves no room for the cookie.
+    let unfinished = format!(
+        "GET /{long} HTTP/1.1\r\nHost: {}\r\nCookie: ",
+        dashboard.address
+    );
+    let mut stream = std::net::TcpStream::connect(&dashboard.address).expect("it listens");
+    std::io::Write::write_all(&mut stream, unfinished.as_bytes()).unwrap();
+    let mut answer = String::new();
+    std::io::Read::read_to_string(&mut stream, &mut answer).expect("an answer and the end");
+    assert!(answer.starts_with("HTTP/1.1 408 "), "{answer}");
+}

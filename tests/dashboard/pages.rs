@@ -130,7 +130,7 @@ fn a_run_is_followed_to_its_end_by_two_readers() {
     );
     cohort.call(&["run", "--yes"]).expect(0);
     for page in [&mut one, &mut other] {
-        page.wait_for("document.getElementById('coordinator').textContent === '■ ended'")
+        page.wait_for("document.getElementById('coordinator').textContent === '■ ended, 2 off'")
             .unwrap();
         for patient in PATIENTS {
             assert!(
@@ -138,10 +138,10 @@ fn a_run_is_followed_to_its_end_by_two_readers() {
                     .unwrap()
                     .as_str()
                     .unwrap()
-                    .starts_with('●')
+                    .starts_with('▲')
             );
         }
-        page.wait_for("document.querySelector('[data-state=done]').textContent === '● 2 done'")
+        page.wait_for("document.querySelector('[data-state=off]').textContent === '▲ 2 off'")
             .unwrap();
         no_complaints(page);
     }

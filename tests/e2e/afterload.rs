@@ -206,3 +206,41 @@ fn a_bad_record_is_refused_with_file_line_and_column() {
     )
     .expect(2);
 }
+
+/// Kind 22 of the fixtures: units, signs and clocks of flow and pressure that no aorta has.
+#[test]
+fn what_no_aorta_has_is_warned_of() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("fixtures/public-reports/22-afterload-units-and-sync");
+    for (flow, pressure, part) in [
+        ("flow.csv", "p_kpa.csv", "a mean pressure of 12.0 mmHg"),
+        ("flow_Lmin.csv", "pressure.csv", "1 L/min is 16.7 mL/s"),
+        (
+            "flow_neg.csv",
+            "pressure.csv",
+            "a mean flow of -112.95 mL/s",
+        ),
+        (
+            "flow.csv",
+            "p_shift-40.csv",
+            "but the mean pressure over the mean flow is 0.799",
+        ),
+    ] {
+        let said = cardiotwin(&folder, &["fit", "afterload", flow, pressure]).expect(0);
+        let told = format!("{}{}", said.out, said.err);
+        assert!(told.contains(part), "{flow} {pressure}: {told}");
+    }
+    let sound = cardiotwin(&folder, &["fit", "afterload", "flow.csv", "pressure.csv"]).expect(0);
+    let told = format!("{}{}", sound.out, sound.err);
+    for part in ["a mean pressure of", "a mean flow of", "R1 + R2 ="] {
+        assert!(!told.contains(part), "{told}");
+    }
+    let search = ["discover", "--afterload", "flow.csv", "p_shift-40.csv"];
+    let said = cardiotwin(&folder, &search).expect(0);
+    assert!(
+        said.out
+            .starts_with("undecided: timing_misalignment has probability"),
+        "{}",
+        said.out
+    );
+}

@@ -90,6 +90,102 @@ fn a_database_of_a_newer_version_is_refused_unchanged() {
 }
 
 #[test]
+fn a_database_that_was_never_finished_is_made_anew_by_run() {
+    let cohort = Cohort::quick();
+    settle(&cohort, &[]);
+    let before = published(&cohort.patient("01-CoA"));
+    // As a kill leaves it before the first page is written, or a lost log behind an empty file.
+    std::fs::write(database(&cohort), "").unwrap();
+    for command in [&["status"][..], &["show", "01-CoA"], &["export"]] {
+        cohort
+            .call(command)
+            .expect(5)
+            .complains_of(&["is empty", "`cardiotwin run` creates it"]);
+    }
+    cohort.call(&["run", "--no-report"]).expect(0);
+    assert_eq!(
+        published(&cohort.patient("01-CoA")),
+        before,
+        "finished attempts are taken up"
+    );
+}
+
+#[test]
+fn a_run_of_an_older_format_is_read_as_it_is_and_brought_up_to_date_by_run() {
+    use sqlx::Connection as _;
+    let cohort = Cohort::quick();
+    settle(&cohort, &["--patient", "01-CoA", "--workers", "1"]);
+    let before = published(&cohort.patient("01-CoA"));
+    let file = sqlx::sqlite::SqliteConnectOptions::new().filename(database(&cohort));
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let mut connection = sqlx::sqlite::SqliteConnection::connect_with(&file)
+            .await
+            .unwrap();
+        let sql = "DROP TABLE jobs; DROP TABLE allotments; DELETE FROM _sqlx_migrations WHERE version = 2; PRAGMA user_version = 1";
+        sqlx::raw_sql(sql).execute(&mut connection).await.unwrap();
+        connection.close().await.unwrap();
+    });
+    let older = std::fs::read(database(&cohort)).unwrap();
+    let status = cohort.call(&["status", "--json"]).json();
+    assert_eq!(status["counts"]["done"], 1);
+    for command in [&["show", "01-CoA"][..], &["export"], &["run", "--dry-run"]] {
+        cohort.call(command).expect(0);
+    }
+    assert_eq!(
+        std::fs::read(database(&cohort)).unwrap(),
+        older,
+        "readers change nothing"
+    );
+    let said = cohort.call(&["run", "--no-report"]).expect(0);
+    assert!(
+        said.err.contains("executor.workers=1"),
+        "the kept options apply: {}",
+        said.err
+    );
+    assert_eq!(published(&cohort.patient("01-CoA")), before);
+    assert!(cohort.run_dir().join("cardiotwin.format-1.db").exists());
+}
+
+#[test]
+fn another_program_that_locks_the_database_is_waited_for_and_named() {
+    use sqlx::Connection as _;
+    let cohort = Cohort::quick();
+    settle(&cohort, &["--patient", "01-CoA"]);
+    let file = sqlx::sqlite::SqliteConnectOptions::new().filename(database(&cohort));
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let mut foreign = runtime.block_on(async {
+        let mut foreign = sqlx::sqlite::SqliteConnection::connect_with(&file)
+            .await
+            .unwrap();
+        sqlx::raw_sql("BEGIN IMMEDIATE")
+            .execute(&mut foreign)
+            .await
+            .unwrap();
+        foreign
+    });
+    let mut running = cohort.start(&["--no-report"]);
+    running.wait_for_words("which has locked");
+    runtime.block_on(async {
+        sqlx::raw_sql("ROLLBACK")
+            .execute(&mut foreign)
+            .await
+            .unwrap();
+        foreign.close().await.unwrap();
+    });
+    let said = running.end().expect(0);
+    let own = format!("process {}", std::process::id());
+    assert!(said.err.contains(&own), "{}", said.err);
+    assert_eq!(cohort.patient("02-CoA")["status"]["state"], "done");
+}
+
+#[test]
 fn a_run_that_may_not_be_written_can_still_be_read() {
     let Some(place) = Tmpfs::mount("32m") else {
         return;

@@ -199,3 +199,84 @@ fn a_run_is_shared_as_a_crate_that_others_can_read() {
         }
     }
 }
+
+/// The file of traces of a patient's verification beat.
+fn traces_of(cohort: &Cohort, patient: &str) -> PathBuf {
+    let record = cohort.patient(patient);
+    let beat = &record["verification"];
+    let traces = beat["artefacts"]
+        .as_array()
+        .and_then(|all| all.iter().find(|artefact| artefact["name"] == "traces"))
+        .unwrap_or_else(|| panic!("no traces in {beat}"));
+    let text = |value: &serde_json::Value| value.as_str().expect("a text").to_owned();
+    Path::new(&text(&beat["directory"])).join(text(&traces["file"]))
+}
+
+#[test]
+fn an_edited_file_is_found_by_verify_and_left_out_by_export() {
+    let cohort = Cohort::quick_of("01-CoA");
+    cohort.call(&["run", "--no-report"]).expect(0);
+    let said = cohort.call(&["verify"]).expect(0);
+    assert!(
+        said.out.contains(" files checked: ") && said.out.contains(" as stored\n"),
+        "{}",
+        said.out
+    );
+    cohort.call(&["export"]).expect(0);
+
+    let traces = traces_of(&cohort, "01-CoA");
+    let text = std::fs::read_to_string(&traces).unwrap();
+    // One digit, so that the size stays.
+    let last = text.rfind(|c: char| c.is_ascii_digit()).unwrap();
+    let digit = if text[last..].starts_with('1') {
+        "2"
+    } else {
+        "1"
+    };
+    let edited = format!("{}{digit}{}", &text[..last], &text[last + 1..]);
+    std::fs::write(&traces, edited).unwrap();
+    let said = cohort.call(&["export"]).expect(1);
+    assert!(
+        said.err
+            .contains("was changed after it was written, and is left out"),
+        "{}",
+        said.err
+    );
+    let exported = std::fs::read_to_string(cohort.run_dir().join("export/traces.csv")).unwrap();
+    assert!(
+        exported.contains(",step1,") && !exported.contains(",step2,pressure"),
+        "{exported:.600}"
+    );
+
+    let input = cohort.path().join("patients/01-CoA/pressure.csv");
+    let measured = std::fs::read(&input).unwrap();
+    std::fs::remove_file(&input).unwrap();
+    let said = cohort.call(&["verify"]).expect(1);
+    assert!(
+        said.out.contains("traces.csv") && said.out.contains("changed"),
+        "{}",
+        said.out
+    );
+    assert!(
+        said.out.contains("pressure.csv") && said.out.contains("missing"),
+        "{}",
+        said.out
+    );
+    assert!(said.out.ends_with("1 changed, 1 missing\n"), "{}", said.out);
+    let said = cohort.call(&["verify", "--json"]).expect(1);
+    let answer: serde_json::Value = serde_json::from_str(&said.out).unwrap();
+    let files = answer["files"].as_array().unwrap();
+    let of = |standing: &str| {
+        files
+            .iter()
+            .filter(|file| file["standing"] == standing)
+            .count()
+    };
+    assert_eq!((of("changed"), of("missing")), (1, 1));
+    assert_eq!(answer["as_stored"], files.len() - 2);
+
+    std::fs::write(&traces, text).unwrap();
+    std::fs::write(&input, measured).unwrap();
+    cohort.call(&["verify"]).expect(0);
+    cohort.call(&["export"]).expect(0);
+}

@@ -264,3 +264,34 @@ fn completions_manual_pages_and_schemas() {
     // Measurements of the program itself belong to developers.
     cardiotwin(folder.path(), &["bench", "orchestration"]).expect(2);
 }
+
+/// Scripts see whether a run that is done has twins to go on with.
+#[test]
+fn a_twin_that_is_off_is_no_success() {
+    let cohort = Cohort::quick();
+    let said = cohort.call(&["run", "--no-report"]);
+    assert!(said.out.contains("verified, off: "), "{}", said.out);
+    assert_eq!(said.code, 7, "{}", said.out);
+    let again = cohort.call(&["run", "--no-report"]);
+    assert_eq!(
+        again.code, 7,
+        "nothing to do is no success either: {}",
+        again.out
+    );
+}
+
+#[test]
+fn escape_sequences_in_names_of_folders_never_reach_stderr() {
+    let folder = tempfile::tempdir().unwrap();
+    // The second one is a colour that the program uses itself.
+    for name in ["e\x1b[2Jvil", "e\x1b[31mvil"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        for colour in ["never", "always"] {
+            let said =
+                crate::support::cardiotwin(folder.path(), &["status", name, "--color", colour])
+                    .expect(5);
+            let shown = name.replace('\x1b', "\\u001b");
+            assert!(said.err.contains(&shown), "{:?}", said.err);
+        }
+    }
+}

@@ -328,3 +328,36 @@ fn a_load_needs_no_measured_flow() {
         .expect(3)
         .complains_of(&["volume_mL"]);
 }
+
+/// Data that contradict each other are an error: nothing is written, and the exit code says so.
+#[test]
+fn a_printed_error_is_no_success() {
+    let (folder, raw) = copy(|name, text| {
+        Some(match name {
+            // The ventricle's pressure at half its size contradicts the aorta's.
+            "catheter.csv" => text
+                .lines()
+                .enumerate()
+                .map(|(i, line)| match line.split_once(',') {
+                    Some((time, rest)) if i > 0 => {
+                        let (pressure, rest) = rest.split_once(',').unwrap_or((rest, ""));
+                        match pressure.parse::<f64>() {
+                            Ok(p) => format!("{time},{},{rest}\n", 0.5 * p),
+                            Err(_) => format!("{line}\n"),
+                        }
+                    }
+                    _ => format!("{line}\n"),
+                })
+                .collect(),
+            _ => text,
+        })
+    });
+    let raw = raw.to_str().unwrap();
+    let said = cardiotwin(folder.path(), &["prepare", raw, "P001"]).expect(3);
+    assert!(
+        said.err.contains("largest ventricular pressure"),
+        "{}",
+        said.err
+    );
+    assert!(!folder.path().join("P001").exists());
+}

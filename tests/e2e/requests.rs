@@ -192,6 +192,42 @@ fn a_cancelled_patient_stays_so_until_it_is_retried() {
 }
 
 #[test]
+fn all_cancelled_patients_are_retried_by_their_class_and_with_all() {
+    let cohort = Cohort::quick();
+    cohort
+        .call(&["run", "--no-report", "--patient", "01-CoA"])
+        .expect(0);
+    cohort.call(&["cancel", "--all"]).expect(0);
+    // The first patient was done before: nothing of it was cancelled.
+    for selection in [
+        &["--class", "cancelled"][..],
+        &["--failed", "--class", "cancelled"],
+        &["--all"],
+    ] {
+        let dry = [&["retry", "--dry-run"], selection].concat();
+        let said = cohort.call(&dry).expect(0);
+        assert_eq!(
+            said.out, "02-CoA  cancelled\n1 patient (1 cancelled) would be retried\n",
+            "{selection:?}"
+        );
+        assert_eq!(cohort.patient("02-CoA")["status"]["state"], "cancelled");
+        let said = cohort.call(&[&["retry"], selection].concat()).expect(0);
+        assert!(
+            said.out.contains("1 patient (1 cancelled) to retry"),
+            "{}",
+            said.out
+        );
+        assert_ne!(cohort.patient("02-CoA")["status"]["state"], "cancelled");
+        cohort.call(&["cancel", "02-CoA"]).expect(0);
+    }
+    let said = cohort.call(&["retry", "--failed"]).expect(0);
+    assert!(said.err.contains("nothing to retry"), "{}", said.err);
+    cohort.call(&["retry", "--all"]).expect(0);
+    cohort.call(&["run", "--no-report"]).expect(0);
+    assert_eq!(cohort.patient("02-CoA")["status"]["state"], "done");
+}
+
+#[test]
 fn a_running_coordinator_takes_up_requests() {
     let cohort = Cohort::slow();
     let running = cohort.start(&["--no-report", "--workers", "1"]);

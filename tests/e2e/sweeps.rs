@@ -132,7 +132,7 @@ fn indices(sensitivity: &Value, order: &str) -> BTreeMap<(String, String), f64> 
 fn reference() -> Value {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/../coordinator/src/sweep/gsa/reference.json"
+        "/../coordinator/sweep/src/gsa/reference.json"
     );
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use cardiotwin::export::export;
+use cardiotwin_report::export::export;
 use serde_json::Value;
 
 use crate::fixture;

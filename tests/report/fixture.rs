@@ -319,6 +319,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             own_mesh: None,
             guccione_c_kpa: None,
         },
+        law: None,
         calcium: None,
         noise: None,
         external_files: Vec::new(),
@@ -364,6 +365,7 @@ fn beat(biomarkers: Biomarkers, time_points: TimePoints) -> OrganBeatResult {
             least_volume_ratio: 0.66,
             largest_volume_ratio: 1.38,
         }),
+        law: None,
         counters: BTreeMap::new(),
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin::report::{Pages, write_report};
+use cardiotwin_report::html::{Pages, write_report};
 use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::heart::{HeartBeat, HeartSurface, PackedValues, packed_points};
@@ -77,6 +77,7 @@ fn make_3d(patient: &mut PatientRecord, with_pictures: bool) {
         exponent_factor: 0.8,
         onset_ms: 30.0,
         spread_ms: 50.0,
+        epicardial_duration_share: 0.9,
     };
     let ventricle = InputFile {
         name: "ventricle".into(),

@@ -1,7 +1,7 @@
 //! The report's scripts in headless Chromium: the heart that beats, the time slider, sorting and
 //! filtering of tables, downloads, and the printed summary.
 
-use cardiotwin::report::{ONE_FILE, Pages, write_report};
+use cardiotwin_report::html::{ONE_FILE, Pages, write_report};
 use serde_json::{Value, json};
 
 use crate::browser::Browser;

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use base64::Engine as _;
 use browser::Browser;
-use cardiotwin::report::{ONE_FILE, Pages, shows, write_report};
+use cardiotwin_report::html::{ONE_FILE, Pages, shows, write_report};
 use regex::Regex;
 use serde_json::Value;
 

@@ -243,6 +243,8 @@ impl<'a> Cohort<'a> {
             let said = self.advance();
             match said.code {
                 8 => {}
+                // 7: done, and a twin of these quick settings is off.
+                7 => return 0,
                 0 | 1 => return said.code,
                 _ => panic!("{said:?}"),
             }

@@ -5,12 +5,14 @@ use std::path::PathBuf;
 
 use cardiotwin_calibrate::fixed_point::FixedPointError;
 use cardiotwin_calibrate::identifiability::IdentifiabilityError;
+use cardiotwin_calibrate::organ_law::OrganLawError;
 use cardiotwin_calibrate::population::PopulationError;
 use cardiotwin_calibrate::sobol::SobolError;
 use cardiotwin_cell_engine::{EngineError, InputProblem};
 use cardiotwin_discover::DiscoverError;
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
+use cardiotwin_schemas::formats::FormatError;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
 use cardiotwin_schemas::outcome::Ending;
 
@@ -144,6 +146,20 @@ pub enum TaskError {
     /// The optimiser rejects its settings.
     #[error("the search of step 2 failed")]
     Population(#[from] PopulationError),
+    /// The organ's law cannot be fitted to the given beats.
+    #[error("the organ's law cannot be fitted")]
+    OrganLaw(#[from] OrganLawError),
+    /// The file of the organ's law cannot be read.
+    #[error("the file of the organ's law cannot be used")]
+    LawFile(#[from] FormatError),
+    /// A file from which the organ's law is to be learned cannot be read.
+    #[error("{path}: no readable file", path = path.display())]
+    LawBeat {
+        /// Path of the file.
+        path: PathBuf,
+        /// Cause.
+        source: std::io::Error,
+    },
     /// The profiles of the fitted parameters could not be computed.
     #[error("the analysis of identifiability failed")]
     Identifiability(#[from] IdentifiabilityError),
@@ -268,6 +284,9 @@ impl TaskError {
             | Self::External(_)
             | Self::ExternalStart { .. }
             | Self::Design(_)
+            | Self::OrganLaw(_)
+            | Self::LawFile(_)
+            | Self::LawBeat { .. }
             | Self::Population(_)
             | Self::CalciumSamples(_)
             | Self::Engine(_) => FailureClass::Input,
@@ -361,6 +380,11 @@ impl TaskError {
             Self::Discover(_) => {
                 Some("`cardiotwin check` tells what is wrong with a cohort's data")
             }
+            Self::OrganLaw(_) => Some("rerun from step1"),
+            Self::LawBeat { .. } => {
+                Some("name the directory of a published attempt of an organ beat")
+            }
+            Self::LawFile(_) => Some("write the file again with `cardiotwin export --law`"),
             Self::NoBeat { .. } | Self::Identifiability(_) | Self::SearchEnded => None,
             Self::Threads(_) => Some("lower executor.threads, or raise the limit of processes"),
             Self::Nodal { .. } | Self::UnknownParameter { .. } | Self::Target { .. } => None,

@@ -19,6 +19,7 @@ pub mod finite_element;
 mod follow;
 pub mod igb;
 pub mod inputs;
+pub mod learn;
 pub mod memory;
 #[cfg(feature = "mpi")]
 pub mod mpi;

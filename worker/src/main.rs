@@ -7,11 +7,13 @@ use anyhow::Context as _;
 use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_worker::checkpoint::Checkpoints;
 use cardiotwin_worker::context::Context;
+use cardiotwin_worker::files::write_atomic;
+use cardiotwin_worker::learn::law_file;
 use cardiotwin_worker::memory::return_large_blocks;
 use cardiotwin_worker::opencarp;
-use cardiotwin_worker::program::{code_of, log, make_folder, read_task, restarting};
+use cardiotwin_worker::program::{code_of, log, make_folder, read_law, read_task, restarting};
 use cardiotwin_worker::provenance::VERSION_TEXT;
-use cardiotwin_worker::run::{run_attempt, simulate};
+use cardiotwin_worker::run::{run_attempt, simulate, simulate_in_law};
 use cardiotwin_worker::stop::StopFlag;
 use cardiotwin_worker::tasks::proposal::in_one_fibre;
 use clap::{Parser, Subcommand};
@@ -54,6 +56,10 @@ enum Command {
         /// activation
         #[arg(long)]
         one_fibre: bool,
+        /// Replace the finite-element ventricle of a beat by the law of the organ that is learned from the samples in
+        /// this JSON file, a list of the objects `law` of outcomes of the organ's beats
+        #[arg(long, value_name = "FILE", conflicts_with = "one_fibre")]
+        law: Option<PathBuf>,
         /// Continue the search of step 2 from the checkpoints in another attempt's directory; only settings that
         /// determine the end of the search may differ
         #[arg(long, value_name = "DIR")]
@@ -69,6 +75,18 @@ enum Command {
         specs: Vec<PathBuf>,
         /// Folder for the files, created if it does not exist
         #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+    /// Learn the organ's law from finite-element beats and write a law file for further patients
+    Learn {
+        /// Patient and directory of the published attempt of a beat (may be given several times, oldest first)
+        #[arg(long = "beat", required = true, num_args = 2, value_names = ["PATIENT", "DIR"])]
+        beats: Vec<String>,
+        /// Law file from which learning starts [default: the law of the program]
+        #[arg(long, value_name = "FILE")]
+        law: Option<PathBuf>,
+        /// File to write
+        #[arg(long, value_name = "FILE")]
         out: PathBuf,
     },
 }
@@ -98,6 +116,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             instruction_set,
             vtu_every,
             one_fibre,
+            law,
             restart,
             generation,
         } => {
@@ -121,7 +140,10 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
                 stop,
                 ..plain
             };
-            let outcome = simulate(&task, context);
+            let outcome = match law {
+                Some(file) => simulate_in_law(&task, &read_law(&file)?, context),
+                None => simulate(&task, context),
+            };
             println!("{}", serde_json::to_string_pretty(&outcome)?);
         }
         Command::Opencarp { specs, out } => {
@@ -134,6 +156,20 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
             for file in opencarp::write(&specs, &out)? {
                 println!("{}", file.display());
             }
+        }
+        Command::Learn { beats, law, out } => {
+            let beats: Vec<(String, PathBuf)> = beats
+                .chunks(2)
+                .map(|pair| (pair[0].clone(), PathBuf::from(&pair[1])))
+                .collect();
+            let file = law_file(&beats, law.as_deref())?;
+            anyhow::ensure!(
+                !file.organs.is_empty(),
+                "none of the beats has samples of the organ's law"
+            );
+            let json = serde_json::to_vec_pretty(&file)?;
+            write_atomic(&out, &json).with_context(|| format!("cannot write {}", out.display()))?;
+            println!("{}", serde_json::to_string(&file.organs)?);
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -1,12 +1,14 @@
 //! Code shared by the programs `cardiotwin-worker` and `cardiotwin-worker-mpi`: exit codes,
 //! logging, files named on the command line.
 
+use std::io::IsTerminal as _;
 use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
 use cardiotwin_protocol::exit_code;
 use cardiotwin_schemas::formats::SPEC;
+use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use tracing::Level;
 
@@ -27,6 +29,8 @@ pub fn code_of(error: &anyhow::Error) -> ExitCode {
 pub fn log(level: Level) {
     tracing_subscriber::fmt()
         .with_writer(std::io::stderr)
+        // A file, such as the log of an attempt, gets no colours.
+        .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .with_max_level(level)
         .init();
@@ -56,6 +60,17 @@ pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
         false => SPEC.read_order(&place, text.as_bytes()),
     };
     read.with_context(|| format!("{place}: not the specification of a task"))
+}
+
+/// Reads samples of beats from which the organ's law is learned.
+///
+/// # Errors
+/// When the file cannot be read or does not hold a list of samples; the error names it.
+pub fn read_law(file: &Path) -> anyhow::Result<Vec<LawSamples>> {
+    let (place, text) = (file.display(), self::read(file)?);
+    serde_json::from_str(&text).with_context(|| {
+        format!("{place}: not a list of a law's samples, such as [law] of outcomes of organ beats")
+    })
 }
 
 /// Creates a folder for results.

@@ -90,11 +90,17 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
         TaskSpec::CellFit(spec) => spec.calcium.iter().collect(),
         TaskSpec::OrganBeat(spec) => calcium(spec),
         // Only figures of the mesh are used, and the specification holds them.
-        TaskSpec::Step3Proposal(spec) => calcium(&spec.beat),
-        TaskSpec::Posterior(spec) => calcium(&spec.beat),
+        TaskSpec::Step3Proposal(spec) => with_prior(&spec.beat, spec.prior.as_ref()),
+        TaskSpec::Posterior(spec) => with_prior(&spec.beat, spec.prior.as_ref()),
         TaskSpec::Discover(spec) => spec.files(),
-        TaskSpec::Step1Proposal(_) | TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
+        TaskSpec::Step1Proposal(spec) => spec.prior.iter().collect(),
+        TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
     }
+}
+
+/// Calcium transient of a beat's cells and file of the law before the first beat.
+fn with_prior<'a>(beat: &'a OrganBeatSpec, prior: Option<&'a InputFile>) -> Vec<&'a InputFile> {
+    calcium(beat).into_iter().chain(prior).collect()
 }
 
 /// Calcium transient of a beat's cells, if it is an input file.

@@ -9,6 +9,7 @@ use cardiotwin_protocol::names;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
+use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::TaskSpec;
@@ -19,6 +20,7 @@ use crate::context::{Artefacts, CHECKPOINT_APART, CHECKPOINT_MS, Context};
 use crate::progress::ProgressLog;
 use crate::provenance::Beginning;
 use crate::stop::StopFlag;
+use crate::tasks::proposal::in_law;
 use crate::tasks::run_task;
 use crate::team::Team;
 
@@ -69,9 +71,27 @@ pub fn run_attempt(
 
 /// Executes one task without a claim.
 #[must_use]
-pub fn simulate(task: &TaskSpec, mut context: Context) -> TaskOutcome {
+pub fn simulate(task: &TaskSpec, context: Context) -> TaskOutcome {
+    alone(task, context, |context| run_task(task, context))
+}
+
+/// As [`simulate`], with the law that the samples teach in place of a beat's finite-element
+/// ventricle.
+#[must_use]
+pub fn simulate_in_law(task: &TaskSpec, samples: &[LawSamples], context: Context) -> TaskOutcome {
+    alone(task, context, |context| match task {
+        TaskSpec::OrganBeat(beat) => in_law(beat, samples, context),
+        _ => run_task(task, context),
+    })
+}
+
+fn alone(
+    task: &TaskSpec,
+    mut context: Context,
+    work: impl FnOnce(&mut Context) -> Ending,
+) -> TaskOutcome {
     let beginning = Beginning::now();
-    let ending = guarded(task.kind(), || run_task(task, &mut context));
+    let ending = guarded(task.kind(), || work(&mut context));
     outcome(
         AttemptId {
             task: task.key(),

@@ -16,7 +16,7 @@ use cardiotwin_schemas::settings::Step1Settings;
 use cardiotwin_schemas::task::{InputFile, OrganBeatSpec, Step1ProposalSpec, Step1Run, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg};
 use cardiotwin_worker::context::Context;
-use cardiotwin_worker::tasks::organ_beat::reduced_beat;
+use cardiotwin_worker::tasks::organ_beat::{ReducedOrgan, reduced_beat};
 use cardiotwin_worker::tasks::proposal::outcome;
 use cardiotwin_worker::tasks::run_task;
 
@@ -71,7 +71,11 @@ impl Patient {
             activation.spread_ms = 62.0;
             (p.tanh.a6, p.tanh.a7, p.tanh.t_emd_ms) = (4.2, 0.67, 19.0);
         }
-        let beat = reduced_beat(&self.beat(&p), &passive, &activation).unwrap();
+        let beat = reduced_beat(
+            &self.beat(&p),
+            &ReducedOrgan::one_fibre(passive, activation),
+        )
+        .unwrap();
         outcome(beat.as_ref())
     }
 
@@ -84,6 +88,8 @@ impl Patient {
             bounds: settings.bounds,
             frozen: settings.frozen,
             weights: self.weights.clone(),
+            law: None,
+            prior: None,
             seed: 1,
         }
     }
@@ -279,6 +285,7 @@ fn a_finite_element_ventricle_is_proposed_for_by_a_one_fibre_one_of_its_volumes(
         exponent_factor: 1.0,
         onset_ms: activation.onset_ms,
         spread_ms: activation.spread_ms,
+        epicardial_duration_share: 0.9,
     };
     let ventricle = InputFile {
         name: "ventricle".into(),

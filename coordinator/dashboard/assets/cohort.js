@@ -1,6 +1,6 @@
 // The cohort: its rows as they change, the table, the header.
 import { Table } from "./table.js";
-import { STATES, byName, duration, element, number, remaining } from "./words.js";
+import { OVER, STATES, byName, duration, element, judged, number, remaining } from "./words.js";
 
 const at = (id) => document.getElementById(id);
 
@@ -77,7 +77,7 @@ const refusedRow = ({ patient, errors }) => ({
 export function takeUp(message) {
   const changed = new Set(message.patients.map((row) => row.patient).concat(message.gone));
   if (message.whole) run.patients.clear();
-  for (const row of message.patients) run.patients.set(row.patient, row);
+  for (const row of message.patients) run.patients.set(row.patient, judged(row));
   for (const name of message.gone) run.patients.delete(name);
   const { cohort, coordinator_running, counts, refused, cluster, estimate } = message;
   Object.assign(run, { known: true, cohort, coordinator_running, counts, refused, cluster, estimate });
@@ -101,8 +101,16 @@ export const isOver = () => Object.entries(run.counts).every(([state, n]) => !n 
 /** Numbers of patients by state, refused ones included, in the order of the table. */
 function counts() {
   const all = { ...run.counts };
+  const off = [...run.patients.values()].filter((row) => row.state === "off").length;
+  if (off) [all.off, all.done] = [off, (all.done ?? 0) - off];
   if (run.refused.length) all.refused = run.refused.length;
   return Object.keys(STATES).map((state) => [state, all[state] ?? 0]).filter(([, n]) => n > 0);
+}
+
+function ended() {
+  if (run.counts.failed) return ["■ ended, with failures", "bad"];
+  const off = counts().find(([name]) => name === "off");
+  return off ? [`■ ended, ${off[1]} off`, "warn"] : ["■ ended", "good"];
 }
 
 function head() {
@@ -112,13 +120,15 @@ function head() {
   const [words, tone] = run.coordinator_running
     ? ["● running", "good"]
     : isOver() && run.patients.size
-      ? [run.counts.failed ? "■ ended, with failures" : "■ ended", run.counts.failed ? "bad" : "good"]
+      ? ended()
       : ["○ no coordinator is running", "warn"];
   if (state.textContent !== words) state.textContent = words;
   state.className = tone;
   chips();
   const total = counts().reduce((sum, [, n]) => sum + n, 0);
-  at("progress").replaceChildren(...counts().map(([name, n]) => {
+  // What is over fills the bar from the left; what runs is only a line below it.
+  const parts = counts().sort(([a], [b]) => OVER.includes(b) - OVER.includes(a));
+  at("progress").replaceChildren(...parts.map(([name, n]) => {
     const part = element("span", { class: `part ${name}`, title: `${n} ${name}` });
     part.style.flexGrow = n / total;
     return part;

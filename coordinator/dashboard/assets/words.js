@@ -5,11 +5,18 @@ export const STATES = {
   failed: { rank: 0, sign: "✕", tone: "bad" },
   refused: { rank: 1, sign: "✕", tone: "bad" },
   unknown: { rank: 2, sign: "?", tone: "warn" },
-  running: { rank: 3, sign: "▶", tone: "going" },
-  waiting: { rank: 4, sign: "○", tone: "quiet" },
-  cancelled: { rank: 5, sign: "–", tone: "warn" },
-  done: { rank: 6, sign: "●", tone: "good" },
+  off: { rank: 3, sign: "▲", tone: "warn" },
+  running: { rank: 4, sign: "▶", tone: "going" },
+  waiting: { rank: 5, sign: "○", tone: "quiet" },
+  cancelled: { rank: 6, sign: "–", tone: "warn" },
+  done: { rank: 7, sign: "●", tone: "good" },
 };
+
+/** States in which nothing goes on any more. */
+export const OVER = ["done", "off", "failed", "refused", "cancelled"];
+
+/** A row as people see it: a patient whose verified twin is outside of the tolerances is done, but off. */
+export const judged = (row) => (row.state === "done" && row.note.includes("verified, off") ? { ...row, state: "off" } : row);
 
 /** Compares names so that P10 follows P9. */
 export const byName = new Intl.Collator("en", { numeric: true }).compare;

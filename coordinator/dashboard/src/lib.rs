@@ -6,6 +6,7 @@
 
 mod access;
 mod assets;
+mod connection;
 mod live;
 mod routes;
 mod server;

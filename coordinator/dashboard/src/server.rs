@@ -7,6 +7,7 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 
 use crate::access::Token;
+use crate::connection::Bounded;
 use crate::live::Hub;
 use crate::routes::{self, Shared};
 use crate::source::Source;
@@ -83,7 +84,7 @@ impl Server {
         });
         let hub = Arc::clone(&shared.hub);
         let poller = tokio::spawn(Arc::clone(&hub).poll(Arc::clone(&shared.source)));
-        let served = axum::serve(self.listener, routes::router(&shared))
+        let served = axum::serve(Bounded(self.listener), routes::router(&shared))
             .with_graceful_shutdown(async move {
                 end.await;
                 hub.close();

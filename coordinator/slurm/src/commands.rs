@@ -7,27 +7,36 @@ use crate::job::{JobId, JobName};
 /// Variables set for every command: times in seconds since 1970 (a local time has no zone) and
 /// messages in English.
 pub const ENVIRONMENT: &[(&str, &str)] = &[("SLURM_TIME_FORMAT", "%s"), ("LC_ALL", "C")];
-/// Variables removed for every command, because they change the query or the output.
-pub const NOT_IN_ENVIRONMENT: &[&str] = &[
-    "SQUEUE_FORMAT",
-    "SQUEUE_FORMAT2",
-    "SQUEUE_STATES",
-    "SQUEUE_ARRAY",
-    "SQUEUE_ACCOUNT",
-    "SQUEUE_PARTITION",
-    "SQUEUE_QOS",
-    "SQUEUE_USERS",
-    "SQUEUE_NAMES",
-    "SACCT_FORMAT",
-    "SLURM_JOB_ID",
-    "SBATCH_JOB_NAME",
-    "SBATCH_ARRAY_INX",
-    "SBATCH_REQUEUE",
-    "SBATCH_OUTPUT",
-    "SBATCH_TIMELIMIT",
-    "SBATCH_WAIT",
-    "SBATCH_EXPORT",
+/// Beginnings of the variables that Slurm's commands read as options, or that a job around this
+/// program left.
+const READ_BY_SLURM: [&str; 5] = ["SBATCH_", "SQUEUE_", "SACCT_", "SCANCEL_", "SLURM_"];
+/// Variables of Slurm that tell where the cluster is and who asks, and that stay.
+const KEPT: [&str; 6] = [
+    "SLURM_CONF",
+    "SLURM_CONF_SERVER",
+    "SLURM_JWT",
+    "SLURM_SACK_KEY",
+    "SLURM_SACK_JWKS",
+    "SLURM_ROOT",
 ];
+
+/// Whether a variable is removed for every command. Options in the environment go before those in a
+/// script: with them, a job would go to another partition or budget than `plan` and the script say.
+#[must_use]
+pub fn is_removed(name: &str) -> bool {
+    READ_BY_SLURM.iter().any(|begin| name.starts_with(begin)) && !KEPT.contains(&name)
+}
+
+/// The variables among `names` that would have changed a submission and are not passed on; a caller
+/// shows them with their values. Those of a job around this program are not among them.
+#[must_use]
+pub fn without_effect<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+    let mut found: Vec<&str> = names
+        .filter(|name| name.starts_with("SBATCH_") || *name == "SLURM_CLUSTERS")
+        .collect();
+    found.sort_unstable();
+    found
+}
 
 /// A command to run.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -162,7 +171,7 @@ pub fn associations(user: &str) -> Command {
 
 #[cfg(test)]
 mod tests {
-    use super::{accounting, queue};
+    use super::{accounting, is_removed, queue, without_effect};
 
     /// A changed command requires its answers to be recorded again (tests/recorded/record.sh).
     #[test]
@@ -187,5 +196,35 @@ mod tests {
             recorded("sacct-ended")
         );
         assert!(recorded("sacct-ended").contains(&accounting(&[], 0).arguments[..4].join(" ")));
+    }
+
+    #[test]
+    fn options_of_the_caller_are_removed_and_the_clusters_place_stays() {
+        for name in [
+            "SBATCH_ACCOUNT",
+            "SBATCH_PARTITION",
+            "SBATCH_QOS",
+            "SBATCH_RESERVATION",
+            "SBATCH_MEM_PER_CPU",
+            "SLURM_JOB_ID",
+            "SLURM_NTASKS",
+            "SLURM_CLUSTERS",
+            "SQUEUE_SORT",
+            "SCANCEL_INTERACTIVE",
+        ] {
+            assert!(is_removed(name), "{name}");
+        }
+        for name in [
+            "SLURM_CONF",
+            "SLURM_JWT",
+            "PATH",
+            "CARDIOTWIN_LEAVE_AT",
+            "MY_SBATCH_ACCOUNT",
+        ] {
+            assert!(!is_removed(name), "{name}");
+        }
+        let told =
+            without_effect(["SLURM_JOB_ID", "SBATCH_QOS", "PATH", "SBATCH_ACCOUNT"].into_iter());
+        assert_eq!(told, ["SBATCH_ACCOUNT", "SBATCH_QOS"]);
     }
 }

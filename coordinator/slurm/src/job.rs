@@ -113,7 +113,8 @@ impl Jobs {
 }
 
 /// Reads a number of digits only; `str::parse` would accept a sign, too.
-pub(crate) fn number<T: std::str::FromStr>(text: &str) -> Option<T> {
+#[must_use]
+pub fn number<T: std::str::FromStr>(text: &str) -> Option<T> {
     if !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit()) {
         text.parse().ok()
     } else {

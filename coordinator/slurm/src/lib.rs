@@ -1,21 +1,20 @@
-//! Slurm as pure data and decisions: its commands and the parsers of their answers, the meaning of
-//! its states, the consequences of each failure, the limits of a site, the exact batch scripts, the
-//! packing of work into jobs, and a model of Slurm for tests.
+//! Slurm: its commands and the parsers of their answers, the meaning of its states, the consequences
+//! of each failure, the limits of a site, the exact batch scripts, the packing of work into jobs.
 //!
-//! Nothing in this crate runs a command, reads a file or looks at a clock: the caller passes texts
-//! and times. Three rules hold throughout. An answer that cannot be understood is reported as such,
+//! Only [`access`] runs commands and reads files. The rest of the crate is pure data and decisions:
+//! it runs no command, reads no file and looks at no clock, because the caller passes texts and
+//! times. Three rules hold throughout. An answer that cannot be understood is reported as such,
 //! never guessed. Absence from the queue does not mean that a job has ended. A refusal that may
 //! pass is distinguished from one that will not.
 #![deny(missing_docs)]
 
+pub mod access;
 pub mod answers;
 pub mod cancelled;
 pub mod commands;
 pub mod failure;
 pub mod job;
 pub mod job_status;
-#[cfg(any(test, feature = "model"))]
-pub mod model;
 pub mod plan;
 pub mod reason;
 pub mod script;

@@ -162,6 +162,14 @@ pub fn why(reason: &str) -> Why {
     if let Some(why) = limit(key) {
         return why;
     }
+    // Slurm composes such reasons: "user env retrieval failed requeued held".
+    let words = key.to_lowercase();
+    if words.split_whitespace().any(|word| word == "held") || words.starts_with("jobheld") {
+        return Why {
+            words: format!("held, Slurm says '{key}': scontrol release JOB"),
+            waits_for: WaitsFor::Person,
+        };
+    }
     Why {
         words: format!("Slurm's reason '{reason}', which cardiotwin does not know"),
         waits_for: WaitsFor::Unlisted,
@@ -291,6 +299,8 @@ mod tests {
             ("Priority", WaitsFor::Turn),
             ("DependencyNeverSatisfied", WaitsFor::Never),
             ("Moonphase", WaitsFor::Unlisted),
+            ("user env retrieval failed requeued held", WaitsFor::Person),
+            ("JobHeldByPlugin", WaitsFor::Person),
         ] {
             assert_eq!(
                 why(reason).waits_for,
@@ -300,5 +310,10 @@ mod tests {
             );
         }
         assert!(why("Moonphase").words.contains("Moonphase"));
+        let held = why("user env retrieval failed requeued held").words;
+        assert!(
+            held.starts_with("held, ") && held.contains("scontrol release"),
+            "{held}"
+        );
     }
 }

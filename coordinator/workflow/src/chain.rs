@@ -29,6 +29,9 @@ pub struct Chain {
     pub targets: Option<TaskKey>,
     /// Task of step 2's fit.
     pub cell_fit: Option<TaskKey>,
+    /// Task of the fit of step 2's cell in the organ's law.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub organ_fit: Option<TaskKey>,
     /// Cost of step 2's fit.
     pub step2_cost: Option<f64>,
     /// Task of the verification beat.
@@ -126,6 +129,7 @@ impl Chain {
             .chain(std::iter::repeat(Stage::Step1).zip(iterations))
             .chain([Stage::Targets].into_iter().zip(&self.targets))
             .chain([Stage::Step2].into_iter().zip(&self.cell_fit))
+            .chain([Stage::Step2Organ].into_iter().zip(&self.organ_fit))
             .chain([Stage::Verification].into_iter().zip(&self.verification))
             .chain(
                 std::iter::repeat(Stage::Step3).zip(self.step3_iterations.iter().map(|i| &i.task)),

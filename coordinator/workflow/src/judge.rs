@@ -329,6 +329,7 @@ mod tests {
                 remarks: vec![],
                 lambda_min: 0.8,
                 motion: None,
+                law: None,
                 counters: Default::default(),
             })),
         }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{OrganBeatResult, PassiveStateResult};
 use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::step3::Step3Settings;
@@ -26,6 +27,8 @@ pub struct Beat {
     pub biomarkers: Option<Biomarkers>,
     /// Simulated pressure and volume; `None` if the simulation failed.
     pub samples: Option<BeatSamples>,
+    /// Samples for the organ's law; `None` if the simulation failed or the organ is reduced.
+    pub law: Option<LawSamples>,
     /// Name of a valve that did not open and close; `None` if both did.
     pub shut: Option<String>,
     /// Misfit that the proposal of this beat predicted; `None` for the verification beat.
@@ -45,6 +48,7 @@ impl Beat {
             parameters,
             biomarkers,
             samples,
+            law: None,
             shut,
             predicted_misfit: None,
             misfit: None,
@@ -143,6 +147,7 @@ mod tests {
             parameters,
             biomarkers,
             samples: None,
+            law: None,
             shut,
             predicted_misfit: None,
             misfit: Some(misfit),

@@ -48,6 +48,9 @@ pub enum Stage {
     /// Differential evolution at the cell.
     #[serde(rename = "step-2")]
     Step2,
+    /// Fit of the cell in the organ's law.
+    #[serde(rename = "step-2-organ")]
+    Step2Organ,
     /// One beat with the fitted cell.
     Verification,
     /// Proposals for step 3's simulations.
@@ -74,6 +77,7 @@ impl Stage {
             Self::Step1 => "step-1",
             Self::Targets => "targets",
             Self::Step2 => "step-2",
+            Self::Step2Organ => "step-2-organ",
             Self::Verification => "verification",
             Self::Step3Proposal => "step-3-proposal",
             Self::Step3 => "step-3",
@@ -164,6 +168,7 @@ impl fmt::Display for Step {
             Stage::Step1 => write!(f, "step-1 iteration {}", self.number),
             Stage::Step3Proposal => write!(f, "step-3 proposal {}", self.number),
             Stage::Step3 => write!(f, "step-3 iteration {}", self.number),
+            Stage::Step2Organ => write!(f, "step-2 in the organ"),
             Stage::Noop => write!(f, "noop-{}", self.number),
             stage => write!(f, "{stage}"),
         }

@@ -180,6 +180,19 @@ impl Task {
     }
 }
 
+/// Pause before the first retry after a failure of the site \[ms\].
+const FIRST_PAUSE_MS: i64 = 1_000;
+/// Length above which the pause does not grow \[ms\].
+const LONGEST_PAUSE_MS: i64 = 300_000;
+
+/// Pause before the retry after so many failures of the site, in ms: a second, and four times as
+/// long after each further one. What killed one worker would kill the next one at once, too.
+#[must_use]
+pub fn pause_before_retry_ms(site_failures: u32) -> i64 {
+    let further = site_failures.saturating_sub(1).min(16);
+    (FIRST_PAUSE_MS << (2 * further)).min(LONGEST_PAUSE_MS)
+}
+
 /// State after a failure: site failures are forgiven `site_retries` times, all others are final.
 fn settle(generation: u32, site_failures: u32, failure: Failure, site_retries: u32) -> Task {
     if failure.class == FailureClass::Site && site_failures < site_retries {
@@ -200,5 +213,21 @@ fn illegal(state: &Task, event: &str) -> IllegalTransition {
         machine: "task",
         state: state.word().into(),
         event: event.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::pause_before_retry_ms;
+
+    #[test]
+    fn pauses_grow_fourfold_up_to_five_minutes() {
+        let pauses = [1, 2, 3, 4, 5, 6, 40, u32::MAX].map(pause_before_retry_ms);
+        assert_eq!(
+            pauses,
+            [
+                1_000, 4_000, 16_000, 64_000, 256_000, 300_000, 300_000, 300_000
+            ]
+        );
     }
 }

@@ -79,6 +79,7 @@ pub struct PeriodicTiming {
 /// Never for the built-in parameters.
 pub fn beat() -> Result<BeatTiming, TaskError> {
     let (spec, passive, activation) = average_ventricle();
+    let organ = organ_beat::ReducedOrgan::one_fibre(passive, activation);
     let (mut steps, mut evaluations) = (0, 0);
     let mut run = |record_nodes: bool| -> Result<(f64, usize), TaskError> {
         let settings = BeatSettings {
@@ -90,7 +91,7 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
                 mut ventricle,
                 mut circulation,
                 ..
-            } = organ_beat::reduced(&spec, &passive, &activation)?;
+            } = organ_beat::reduced(&spec, &organ)?;
             if let BeatOutcome::Finished(result) =
                 run_beats(&mut ventricle, &mut circulation, &settings)
             {
@@ -112,8 +113,7 @@ pub fn beat() -> Result<BeatTiming, TaskError> {
         },
         ..spec.clone()
     };
-    let (cell, _) =
-        median_seconds(|| organ_beat::reduced_beat(&of_a_cell, &passive, &activation).map(|_| ()))?;
+    let (cell, _) = median_seconds(|| organ_beat::reduced_beat(&of_a_cell, &organ).map(|_| ()))?;
     let groups = activation.groups;
     Ok(BeatTiming {
         ms_per_beat: 1e3 * without,

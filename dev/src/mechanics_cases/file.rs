@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_dev_solver::prescribed::TimeCourse;
 use cardiotwin_mechanics::boundary::RobinDirection;
 use cardiotwin_mechanics::material::Volumetric;
-use cardiotwin_mechanics::prescribed::TimeCourse;
 use cardiotwin_schemas::finite_element::{ElementKind, LinearSolver};
 use cardiotwin_schemas::muscle::ActiveConvention;
 use serde::Deserialize;

@@ -11,9 +11,9 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use cardiotwin_dev_solver::prescribed::{ProblemError, RunCost, Schedule, run, settle};
 use cardiotwin_mechanics::dynamics::Rayleigh;
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::prescribed::{ProblemError, RunCost, Schedule, run, settle};
 use cardiotwin_mechanics::statics::LoadSteps;
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_mechanics::time_integration::GeneralisedAlpha;
@@ -240,7 +240,7 @@ fn by_name(file: &Path, parsed: &CaseFile, error: &ProblemError) -> CaseError {
 
 #[expect(clippy::too_many_arguments, reason = "the dynamic half of `run_case`")]
 fn move_body(
-    setup: cardiotwin_mechanics::prescribed::Setup,
+    setup: cardiotwin_dev_solver::prescribed::Setup,
     scheme: GeneralisedAlpha,
     damping: Rayleigh,
     schedule: &Schedule,

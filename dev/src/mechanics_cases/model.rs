@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_mechanics::element::batch::Frame;
-use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::prescribed::{
+use cardiotwin_dev_solver::prescribed::{
     Course, EllipsoidFibres, Problem, SurfaceSupport, TimeCourse,
 };
+use cardiotwin_mechanics::element::batch::Frame;
+use cardiotwin_mechanics::organ::ElementKind;
 use cardiotwin_mesh::fibres::{FibreAngles, Longitudinal, fields, rule};
 use cardiotwin_mesh::files;
 use cardiotwin_mesh::joint::Alone;

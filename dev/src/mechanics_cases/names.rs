@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use cardiotwin_dev_solver::prescribed::Schedule;
 use cardiotwin_mechanics::element::kernel::VolumeChange;
 use cardiotwin_mechanics::material::Tissue;
 use cardiotwin_mechanics::organ::ElementKind;
-use cardiotwin_mechanics::prescribed::Schedule;
 
 use cardiotwin_schemas::finite_element::WallSettings;
 use cardiotwin_schemas::muscle::{HolzapfelOgden, MuscleLaw};

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
-use cardiotwin_mechanics::prescribed::Sample;
+use cardiotwin_dev_solver::prescribed::Sample;
 
 use super::error::CaseError;
 use super::file::CaseFile;

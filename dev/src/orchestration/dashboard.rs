@@ -6,8 +6,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use cardiotwin::engine::StopSignal;
 use cardiotwin_chromium::{Browser, Look, Page};
+use cardiotwin_engine::StopSignal;
 use clap::Args;
 use serde::Serialize;
 use serde_json::Value;

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use cardiotwin::engine::{
+use cardiotwin_engine::{
     EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, run,
 };
-use cardiotwin::store::DATABASE_FILE;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 use cardiotwin_schemas::status::PatientState;
+use cardiotwin_store::DATABASE_FILE;
 use serde::Serialize;
 
 /// Options of the benchmark of the orchestration.

@@ -1,5 +1,6 @@
 //! Cost of the coordinator: alone, and over the jobs of a modelled Slurm.
 
+mod cluster;
 pub mod dashboard;
 mod local;
 pub mod sleepers;
@@ -7,12 +8,11 @@ pub mod sleepers;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use cardiotwin::engine::{
-    ClusterBenchOptions, ClusterBenchResult, StopSignal, TickCost, measure_cluster,
-};
+use cardiotwin_engine::StopSignal;
 use clap::Args;
 
 use crate::arguments::Output;
+use cluster::{ClusterBenchOptions, ClusterBenchResult, TickCost, measure_cluster};
 use local::{BenchOptions, BenchResult};
 
 /// Arguments of `cardiotwin-dev bench orchestration`.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use cardiotwin::engine::{RunOptions, StopSignal, run};
+use cardiotwin_engine::{RunOptions, StopSignal, run};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};

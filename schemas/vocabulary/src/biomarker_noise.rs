@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use crate::biomarkers::Biomarker;
 
 /// Root mean square errors of measured biomarkers in percent, due to noise of 1 to 1.5 mmHg and of
-/// 2 to 3 mL per frame, over 200 hearts of `solver/validation`
-/// (`cargo run --release -p cardiotwin-recordings --example biomarker-noise`).
+/// 2 to 3 mL per frame, over 200 hearts of `tests/validation`
+/// (`cargo run --release --manifest-path dev/Cargo.toml --example biomarker-noise`).
 pub const NOISE_PERCENT: [(Biomarker, f64); 7] = [
     (Biomarker::PMax, 1.0),
     (Biomarker::DpdtMax, 3.9),

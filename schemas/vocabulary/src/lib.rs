@@ -18,6 +18,7 @@ mod labels;
 pub mod measurements;
 pub mod motion;
 pub mod one_fibre;
+pub mod organ_law;
 pub mod passive_law;
 pub mod preparation;
 pub mod ranges;

@@ -288,6 +288,8 @@ impl Default for AfterloadStep {
 pub enum FileFormat {
     /// Text export of LabChart (ADInstruments).
     Labchart,
+    /// Text export of AcqKnowledge (BIOPAC).
+    Acqknowledge,
     /// Text table with any separator, decimal sign and encoding.
     Csv,
     /// Text table as Excel saves it: separator and decimal sign of the country.
@@ -312,6 +314,7 @@ impl FileFormat {
     pub fn word(self) -> &'static str {
         match self {
             Self::Labchart => "labchart",
+            Self::Acqknowledge => "acqknowledge",
             Self::Csv => "csv",
             Self::ExcelCsv => "excel-csv",
             Self::Excel => "excel",

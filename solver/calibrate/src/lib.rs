@@ -9,6 +9,7 @@
 pub mod afterload;
 pub mod calcium_fit;
 pub mod cma_es;
+pub mod cohort_law;
 pub mod differential_evolution;
 pub mod fixed_point;
 pub mod identifiability;
@@ -18,6 +19,7 @@ pub mod lbfgsb;
 pub mod least_squares;
 pub mod lshade;
 pub mod normal;
+pub mod organ_law;
 pub mod polish;
 pub mod population;
 pub mod posterior;

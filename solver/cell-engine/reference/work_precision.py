@@ -35,7 +35,7 @@ MOST_BEATS = 30
 
 def engine_rows():
     """What `cargo bench --bench work_precision -- --csv` prints."""
-    command = "cargo bench --locked -p cardiotwin-cell-engine --bench work_precision -- --csv".split()
+    command = "cargo bench --locked --manifest-path dev/Cargo.toml --bench work_precision -- --csv".split()
     text = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
     return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
 

@@ -36,7 +36,7 @@ impl Tolerance {
     /// other formulations (`examples/tolerances`, seed 900). Both have an atrium whose walls are
     /// passive and whose base stays in its place; its error is taken to be four times as large. Pressure
     /// transducers are zeroed to 1 mmHg, and flow MRI has a factor of 5 % (the usual errors that
-    /// `solver/validation` draws, too). A strain's factor depends on direction and layer of the wall.
+    /// `tests/validation` draws, too). A strain's factor depends on direction and layer of the wall.
     #[must_use]
     pub fn of(quantity: FurtherQuantity) -> Self {
         let (smooth, smooth_ms, offset, timing_ms, factor) = match quantity {

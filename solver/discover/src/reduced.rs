@@ -388,6 +388,7 @@ impl Reduced {
             )
             .ok()?,
             inertances: [x[19], x[20]],
+            law: None,
         })
     }
 }

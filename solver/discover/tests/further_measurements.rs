@@ -1,7 +1,7 @@
 //! Effects that pressure and volume do not show, or do not tell from others, in patients of another
 //! formulation: each is named with the measurement that shows it, and not without it.
 
-#[path = "../examples/validation/visibility.rs"]
+#[path = "support/visibility.rs"]
 #[allow(dead_code)]
 mod visibility;
 

@@ -8,6 +8,7 @@ use cardiotwin_signals::Problem;
 use crate::columns::{Column, Header, names_of};
 use crate::dialect::{Dialect, NoDialect, cells, sniff};
 use crate::number::{Decimal, is_missing, number};
+use crate::stamps::without_stamps;
 use crate::text::{Decoded, decode};
 use crate::told::{Told, shown};
 use crate::wanted::{Table, TableReading, Wanted};
@@ -33,6 +34,16 @@ pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> TableReading {
     let Some(decoded) = decode(bytes) else {
         return refused(binary(file));
     };
+    if let Some((decoded, said)) = without_stamps(&decoded) {
+        let mut reading = match layout(&decoded.text, file, wanted) {
+            Ok(layout) => parse_layout(&decoded, file, wanted, &layout),
+            Err(problem) => refused(problem),
+        };
+        if let Some(table) = &mut reading.table {
+            table.said.push(said);
+        }
+        return reading;
+    }
     match layout(&decoded.text, file, wanted) {
         Ok(layout) => parse_layout(&decoded, file, wanted, &layout),
         Err(problem) => refused(problem),

@@ -2,7 +2,9 @@
 //!
 //! A header of text with fixed widths (Kemp et al. 1992, Electroencephalogr Clin Neurophysiol
 //! 82:391; Kemp and Olivan 2003, Clin Neurophysiol 114:1755) is followed by records of equal
-//! duration. Each record holds the samples of one signal after the other.
+//! duration. Each record holds the samples of one signal after the other. In EDF+ each record has the
+//! time of its begin in its first annotation, which counts whatever the header says: an interrupted
+//! recording has gaps.
 
 use std::path::Path;
 
@@ -11,7 +13,7 @@ use cardiotwin_signals::Problem;
 use crate::delimited::refused;
 use crate::grid::Grid;
 use crate::headers::{Label, NoMatch, find};
-use crate::wanted::{TableReading, Wanted};
+use crate::wanted::{TableReading, Wanted, times_of_the_file};
 
 /// Bytes of the header for the whole file, and of that for each signal.
 const HEADER: usize = 256;
@@ -26,8 +28,8 @@ pub fn is_edf(bytes: &[u8]) -> bool {
 
 struct Signal {
     label: Label,
-    /// Value of a sample: factor and offset.
-    scale: (f64, f64),
+    /// Value of a sample: factor and offset; what is wrong with the stated ranges otherwise.
+    scale: Result<(f64, f64), String>,
     samples: usize,
     annotation: bool,
 }
@@ -36,25 +38,28 @@ struct Signal {
 #[must_use]
 pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> TableReading {
     match grid(bytes, file, wanted) {
-        Ok(grid) => {
-            let wanted: Vec<Wanted> = wanted
-                .iter()
-                .map(|one| match one.quantity {
-                    "time" => Wanted {
-                        names: vec![("time_ms".to_owned(), 1.0)],
-                        given: false,
-                        ..one.clone()
-                    },
-                    _ => one.clone(),
-                })
-                .collect();
-            grid.choose(file, &wanted)
+        Ok((grid, warnings)) => {
+            let mut reading = grid.choose(file, &times_of_the_file(wanted));
+            reading.problems.splice(0..0, warnings);
+            reading
         }
         Err(problem) => refused(problem),
     }
 }
 
-fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
+/// The time of a record \[s\], from the first annotation of its signals of annotations: a sign, the
+/// seconds, an optional duration after the byte 21, and the byte 20.
+fn begin_s(annotations: &[u8]) -> Option<f64> {
+    let end = annotations.iter().position(|b| *b == 20)?;
+    let text = std::str::from_utf8(&annotations[..end]).ok()?;
+    let onset = text.split('\u{15}').next()?;
+    if !onset.starts_with(['+', '-']) {
+        return None;
+    }
+    onset.parse::<f64>().ok().filter(|s| s.is_finite())
+}
+
+fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Problem>), Problem> {
     let damaged = |found: String, expected: &str| {
         Problem::error(
             file,
@@ -65,7 +70,9 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
     };
     let field = |from: usize, n: usize| -> String {
         let part = bytes.get(from..from + n).unwrap_or_default();
+        // Fields are filled with spaces; some programs end them with a NUL and leave what was there.
         part.iter()
+            .take_while(|b| **b != 0)
             .map(|b| char::from(*b))
             .collect::<String>()
             .trim()
@@ -114,29 +121,41 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
     for i in 0..n {
         let name = field(at(0, 16, i), 16);
         let unit = field(at(96, 8, i), 8);
-        let physical = (
-            real(at(104, 8, i), 8, "a physical minimum")?,
-            real(at(112, 8, i), 8, "a physical maximum")?,
-        );
-        let digital = (
-            real(at(120, 8, i), 8, "a digital minimum")?,
-            real(at(128, 8, i), 8, "a digital maximum")?,
-        );
         let samples = integer(at(216, 8, i), 8, "the number of samples in a record")?;
         let annotation = name.ends_with("Annotations") || name == "Status";
-        if digital.1 <= digital.0 || !(1..=10_000_000).contains(&samples) {
+        if !(1..=10_000_000).contains(&samples) {
             return Err(damaged(
-                format!(
-                    "signal `{name}` with digital values {} to {} and {samples} samples a record",
-                    digital.0, digital.1
-                ),
-                "a rising range and at least one sample",
+                format!("signal `{name}` with {samples} samples a record"),
+                "at least one sample",
             ));
         }
-        let factor = (physical.1 - physical.0) / (digital.1 - digital.0);
+        // A signal that is not read may lack its ranges.
+        let ranges = || -> Result<(f64, f64), String> {
+            let number = |offset: usize, what: &str| {
+                let place = at(offset, 8, i);
+                real(place, 8, what).map_err(|problem| problem.found)
+            };
+            let physical = (
+                number(104, "a physical minimum")?,
+                number(112, "a physical maximum")?,
+            );
+            let digital = (
+                number(120, "a digital minimum")?,
+                number(128, "a digital maximum")?,
+            );
+            if digital.1 <= digital.0 {
+                return Err(format!("digital values {} to {}", digital.0, digital.1));
+            }
+            if physical.0 == physical.1 {
+                return Err(format!("physical values {} to {}", physical.0, physical.1));
+            }
+            let factor = (physical.1 - physical.0) / (digital.1 - digital.0);
+            Ok((factor, physical.0 - factor * digital.0))
+        };
+        let scale = ranges();
         signals.push(Signal {
             label: Label::with_unit(&name, Some(&unit)),
-            scale: (factor, physical.0 - factor * digital.0),
+            scale,
             samples: samples as usize,
             annotation,
         });
@@ -154,24 +173,96 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
             "EDF"
         }
     )];
+    let mut warnings = Vec::new();
     let records = if n_records < 0 {
         there
     } else {
         n_records as usize
     };
-    if records > there {
+    if there == 0 {
         return Err(damaged(
-            format!("{there} records in {} bytes", bytes.len()),
+            format!("no whole record in {} bytes", bytes.len()),
             &format!("{records} records, as the header states"),
         ));
     }
-    if kind.starts_with("EDF+D") || kind.starts_with("BDF+D") {
+    if records > there {
+        warnings.push(Problem::warning(
+            file,
+            format!("{there} whole records, but the header states {records}: the file is cut"),
+            "the whole file",
+            "copy or export the file again; what is there is read",
+        ));
+    } else if records < there {
+        warnings.push(Problem::warning(
+            file,
+            format!("{there} records, but the header states {records}"),
+            "as many records as the header states",
+            "export the recording again if this is not all of it; all records are read",
+        ));
+    }
+    // All whole records are read, whatever the header counts.
+    let records = there;
+    let record_begin = |record: usize| -> Option<f64> {
+        let mut offset = record * record_bytes;
+        for signal in &signals {
+            let n = width * signal.samples;
+            if signal.annotation {
+                return begin_s(data.get(offset..offset + n)?);
+            }
+            offset += n;
+        }
+        None
+    };
+    let is_plus = kind.starts_with("EDF+") || kind.starts_with("BDF+");
+    let begins: Option<Vec<f64>> = is_plus
+        .then(|| (0..records).map(record_begin).collect())
+        .flatten();
+    let interrupted = kind.starts_with("EDF+D") || kind.starts_with("BDF+D");
+    if interrupted && begins.is_none() {
         return Err(Problem::error(
             file,
-            format!("a recording with interruptions ({kind})"),
-            "one without (EDF+C)",
+            format!("a recording with interruptions ({kind}) without times of its records"),
+            "the time of each record in its annotations",
             "export each part as a file of its own",
         ));
+    }
+    // Begin of each record from that of the first [ms].
+    let begin_ms: Vec<f64> = match &begins {
+        Some(begins) => begins.iter().map(|s| 1e3 * (s - begins[0])).collect(),
+        None => (0..records).map(|r| 1e3 * duration_s * r as f64).collect(),
+    };
+    let gaps: Vec<f64> = begin_ms
+        .windows(2)
+        .map(|w| w[1] - w[0] - 1e3 * duration_s)
+        .collect();
+    if let Some(early) = gaps.iter().position(|gap| *gap < -1.0) {
+        return Err(damaged(
+            format!(
+                "record {} begins {:.3} s after record {}, but a record lasts {duration_s} s",
+                early + 2,
+                1e-3 * (begin_ms[early + 1] - begin_ms[early]),
+                early + 1
+            ),
+            "records that follow each other",
+        ));
+    }
+    let n_gaps = gaps.iter().filter(|gap| **gap > 1.0).count();
+    if n_gaps > 0 {
+        let total: f64 = gaps.iter().filter(|gap| **gap > 1.0).sum();
+        let told = format!(
+            "{n_gaps} gaps of {:.1} s in all between records, as their annotations say",
+            1e-3 * total
+        );
+        if interrupted {
+            said.push(told);
+        } else {
+            warnings.push(Problem::warning(
+                file,
+                format!("{told}, although the header calls it continuous ({kind})"),
+                "records without gaps in a continuous file",
+                "check the export; the records' own times count",
+            ));
+        }
     }
     let labels: Vec<Label> = signals.iter().map(|s| s.label.clone()).collect();
     // Only the wanted signals are converted, at the rate of the fastest one.
@@ -197,6 +288,14 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
     chosen.retain(|i| !signals[*i].annotation);
     chosen.sort_unstable();
     chosen.dedup();
+    for i in &chosen {
+        if let Err(found) = &signals[*i].scale {
+            return Err(damaged(
+                format!("signal `{}` with {found}", signals[*i].label.full),
+                "the physical and digital range of a signal that is read",
+            ));
+        }
+    }
     let rate = chosen
         .iter()
         .map(|i| signals[*i].samples)
@@ -226,11 +325,16 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
             [a, b, c] => f64::from(i32::from_le_bytes([0, a, b, c]) >> 8),
             _ => f64::NAN,
         };
-        s.scale.0 * digital + s.scale.1
+        let (factor, offset) = *s.scale.as_ref().unwrap_or(&(f64::NAN, 0.0));
+        factor * digital + offset
     };
     let mut grid = Grid {
         labels: vec![Label::new("time_ms")],
-        columns: vec![(0..total).map(|k| k as f64 * step_ms).collect()],
+        columns: vec![
+            (0..total)
+                .map(|k| begin_ms[k / rate] + (k % rate) as f64 * step_ms)
+                .collect(),
+        ],
         ..Grid::default()
     };
     for i in chosen {
@@ -250,7 +354,13 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
                 .map(|k| {
                     let place = (k as f64 * ratio).min(last as f64);
                     let before = place as usize;
-                    let (a, b) = (sample(i, before), sample(i, (before + 1).min(last)));
+                    let after = (before + 1).min(last);
+                    let (a, b) = (sample(i, before), sample(i, after));
+                    // Behind a gap there is nothing to interpolate to.
+                    let (record, next) = (before / s.samples, after / s.samples);
+                    if next > record && gaps[record] > 1.0 {
+                        return a;
+                    }
                     a + (place - before as f64) * (b - a)
                 })
                 .collect()
@@ -270,13 +380,23 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<Grid, Problem> {
         ));
     }
     if grid.labels.len() == 1 {
-        // Every label is shown in the error that follows.
-        grid.labels
-            .extend(labels.into_iter().filter(|label| !label.full.is_empty()));
-        grid.columns.resize(grid.labels.len(), Vec::new());
+        let names: Vec<String> = signals
+            .iter()
+            .filter(|s| !s.annotation)
+            .map(|s| s.label.full.clone())
+            .collect();
+        return Err(Problem::error(
+            file,
+            format!(
+                "the signals `{}`, none of which has a known name",
+                names.join("`, `")
+            ),
+            "a signal with a name such as LVP, AoP or ECG",
+            "say which signal is which in [catheter.columns] of prepare.toml",
+        ));
     }
     grid.said = said;
-    Ok(grid)
+    Ok((grid, warnings))
 }
 
 #[cfg(test)]
@@ -360,7 +480,7 @@ mod tests {
     fn a_damaged_file_is_refused_in_words() {
         let sound = made(&[("LVP", "mmHg", 10)], 3, |_, k| k as i16);
         for (bytes, part) in [
-            (sound[..sound.len() - 30].to_vec(), "1 records in"),
+            (sound[..sound.len() - 50].to_vec(), "no whole record in"),
             (sound[..100].to_vec(), "as the length of the header"),
             (
                 [&sound[..236], b"x       ", &sound[244..]].concat(),
@@ -375,12 +495,79 @@ mod tests {
             assert!(told.contains(part), "{told}");
         }
         let other = made(&[("Resp", "L", 10)], 3, |_, k| k as i16);
+        let told = read(&other).problems[0].to_string();
+        assert!(told.contains("the signals `Resp (L)`"), "{told}");
+    }
+
+    #[test]
+    fn a_cut_file_and_a_wrong_count_are_read_with_a_warning() {
+        let sound = made(&[("LVP", "mmHg", 10)], 3, |_, k| k as i16);
+        let cut = read(&sound[..sound.len() - 5]);
+        assert_eq!(cut.table.unwrap().columns["time"].len(), 20);
+        let told = cut.problems[0].to_string();
         assert!(
-            !read(&other)
-                .table
-                .unwrap()
-                .columns
-                .contains_key("lv_pressure")
+            told.starts_with("warning") && told.contains("2 whole records"),
+            "{told}"
         );
+        let few = [&sound[..236], b"1       ", &sound[244..]].concat();
+        let reading = read(&few);
+        assert_eq!(reading.table.unwrap().columns["time"].len(), 30);
+        let told = reading.problems[0].to_string();
+        assert!(
+            told.contains("3 records, but the header states 1"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn a_signal_without_a_range_matters_only_if_it_is_read() {
+        let sound = made(&[("LVP", "mmHg", 10), ("Resp", "L", 10)], 3, |_, k| {
+            k as i16
+        });
+        // Physical minima stand after labels, transducers and units of both signals.
+        let minimum = |i: usize| HEADER + 104 * 2 + 8 * i;
+        let mut unused = sound.clone();
+        unused[minimum(1)..minimum(1) + 8].copy_from_slice(b"        ");
+        let reading = read(&unused);
+        assert_eq!(reading.table, read(&sound).table);
+        let mut used = sound;
+        used[minimum(0)..minimum(0) + 8].copy_from_slice(b"        ");
+        let told = read(&used).problems[0].to_string();
+        assert!(
+            told.contains("signal `LVP (mmHg)` with `` as a physical minimum"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn records_begin_when_their_annotations_say_so() {
+        for kind in ["EDF+C", "EDF+D"] {
+            let mut bytes = made(
+                &[("LVP", "mmHg", 10), ("EDF Annotations", "", 8)],
+                3,
+                |_, k| k as i16,
+            );
+            bytes[192..197].copy_from_slice(kind.as_bytes());
+            let begin = HEADER * 3;
+            for (record, onset) in ["+0\x14\x14", "+1\x14\x14", "+7.5\x14\x14"]
+                .iter()
+                .enumerate()
+            {
+                let at = begin + record * 36 + 20;
+                bytes[at..at + 16].fill(0);
+                bytes[at..at + onset.len()].copy_from_slice(onset.as_bytes());
+            }
+            let reading = read(&bytes);
+            let table = reading
+                .table
+                .unwrap_or_else(|| panic!("{:#?}", reading.problems));
+            let time = &table.columns["time"];
+            assert_eq!((time[19], time[20], time[21]), (1900.0, 7500.0, 7600.0));
+            let warned = reading
+                .problems
+                .iter()
+                .any(|p| p.to_string().contains("1 gaps of 5.5 s"));
+            assert_eq!(warned, kind == "EDF+C");
+        }
     }
 }

@@ -3,19 +3,23 @@
 //! Each block begins with header lines `Key=` and tabs: `Interval=`, `ExcelDateTime=`,
 //! `TimeFormat=`, `DateFormat=`, `ChannelTitle=`, `Range=`, and in newer versions `UnitName=`,
 //! `TopValue=` and `BottomValue=`. Rows follow: the time (an option of the export), a value for each
-//! channel, and comments after `#`. A unit `*` means that of the range.
+//! channel, and comments after `#`. A unit `*` means that of the range; without `UnitName=`, a unit in
+//! the title goes before the range's, which is that of the amplifier. An empty cell at the end of a row
+//! is a cell. Times of day may pass midnight, have AM or PM, and stand behind a column of dates. Where
+//! times are rounded, the stated interval counts.
 
 use std::path::Path;
 
 use cardiotwin_signals::Problem;
 
+use crate::clock::{Clock, DAY_MS, time_of_day_ms};
 use crate::delimited::refused;
 use crate::grid::Grid;
 use crate::headers::Label;
 use crate::number::{Decimal, is_missing, number};
 use crate::text::Decoded;
 use crate::told::{Told, shown};
-use crate::wanted::{TableReading, Wanted};
+use crate::wanted::{TableReading, Wanted, times_of_the_file};
 
 /// Keys of the header lines.
 const KEYS: [&str; 9] = [
@@ -31,8 +35,6 @@ const KEYS: [&str; 9] = [
 ];
 /// Most comments that are told one by one.
 const COMMENTS: usize = 6;
-/// Milliseconds of a day.
-const DAY_MS: f64 = 86_400_000.0;
 
 /// Whether a text has the header of LabChart among its first lines.
 #[must_use]
@@ -54,6 +56,12 @@ struct Block {
     date: Option<f64>,
     from_start_of_block: bool,
     has_time: bool,
+    /// Whether a column of dates stands before the times.
+    has_date: bool,
+    /// Clock of the times, which may pass midnight.
+    clock: Clock,
+    /// Most decimals of a time in seconds.
+    decimals: usize,
     times_ms: Vec<f64>,
     columns: Vec<Vec<f64>>,
     runs: Vec<(usize, usize)>,
@@ -74,7 +82,7 @@ pub fn parse(
         comments: Vec::new(),
     };
     let decimal = decimal_of(&decoded.text);
-    let blocks = reader.blocks(&decoded.text, decimal);
+    let mut blocks = reader.blocks(&decoded.text, decimal);
     let problems = reader.told.problems();
     if problems.iter().any(Problem::is_error) {
         return TableReading {
@@ -83,6 +91,7 @@ pub fn parse(
         };
     }
     let n_blocks = blocks.len();
+    let rounded = blocks.iter_mut().filter_map(Block::exact_times).next();
     let joined = match choose(blocks, file, wanted_block) {
         Ok(joined) => joined,
         Err(problem) => return refused(problem),
@@ -99,6 +108,16 @@ pub fn parse(
     )];
     if !joined.has_time {
         said.push("no column of times: time from the interval between samples".to_owned());
+    }
+    if let Some(interval_ms) = rounded {
+        said.push(format!(
+            "rounded times: the stated interval of {interval_ms} ms counts"
+        ));
+    }
+    if joined.has_date {
+        said.push(
+            "the column of dates is not read: a time of day after midnight counts on".to_owned(),
+        );
     }
     if !reader.comments.is_empty() {
         let named: Vec<String> = reader
@@ -132,19 +151,7 @@ pub fn parse(
         lines: runs,
         said,
     };
-    // The file itself tells the times, whatever prepare.toml calls them.
-    let wanted: Vec<Wanted> = wanted
-        .iter()
-        .map(|one| match one.quantity {
-            "time" => Wanted {
-                names: vec![("time_ms".to_owned(), 1.0)],
-                given: false,
-                ..one.clone()
-            },
-            _ => one.clone(),
-        })
-        .collect();
-    grid.choose(file, &wanted)
+    grid.choose(file, &times_of_the_file(wanted))
 }
 
 /// Decimal sign of the export, from the interval and the first rows.
@@ -174,9 +181,11 @@ impl Reader<'_> {
     fn blocks(&mut self, text: &str, decimal: Decimal) -> Vec<Block> {
         let mut blocks: Vec<Block> = Vec::new();
         let mut in_header = false;
-        for (idx, line) in text.lines().enumerate() {
+        let lines: Vec<&str> = text.lines().collect();
+        for (idx, line) in lines.iter().enumerate() {
             let number_of_line = idx + 1;
-            let line = line.trim_end();
+            // A tab at the end is an empty cell.
+            let line = line.trim_end_matches(['\r', '\n', ' ']);
             if let Some(key) = KEYS.iter().find(|key| line.starts_with(*key)) {
                 if !in_header {
                     blocks.push(Block {
@@ -196,7 +205,12 @@ impl Reader<'_> {
             }
             in_header = false;
             match blocks.last_mut() {
-                Some(block) => self.row(line, block, decimal, number_of_line),
+                Some(block) => {
+                    if block.columns.is_empty() {
+                        block.form(&lines[idx..], decimal);
+                    }
+                    self.row(line, block, decimal, number_of_line);
+                }
                 None => {
                     let problem = Problem::error(
                         self.file,
@@ -224,7 +238,12 @@ impl Reader<'_> {
         let cells = || rest.split('\t').map(|cell| cell.trim().to_owned());
         let after_tab = || cells().skip(1).collect::<Vec<String>>();
         match key {
-            "ChannelTitle=" => block.titles = after_tab(),
+            "ChannelTitle=" => {
+                block.titles = after_tab();
+                while block.titles.last().is_some_and(String::is_empty) {
+                    block.titles.pop();
+                }
+            }
             "UnitName=" => block.units = after_tab(),
             "Range=" => block.ranges = after_tab(),
             "TimeFormat=" => {
@@ -271,11 +290,10 @@ impl Reader<'_> {
                 .trim();
             self.comments.push((number_of_line, text.to_owned()));
         }
-        let numbers = numbers.trim_end();
-        if numbers.is_empty() {
+        if numbers.trim().is_empty() {
             return;
         }
-        let cells: Vec<&str> = numbers.split('\t').map(str::trim).collect();
+        let mut cells = cells_of(numbers);
         let n = block.titles.len();
         if block.columns.is_empty() {
             if n == 0 {
@@ -290,18 +308,21 @@ impl Reader<'_> {
                 return;
             }
             block.columns = vec![Vec::new(); n];
-            block.has_time = cells.len() != n;
         }
         if n == 0 {
             return;
         }
-        if cells.len() != n + usize::from(block.has_time) {
+        let expected = n + usize::from(block.has_time) + usize::from(block.has_date);
+        // A tab before a comment or at the end of each row closes the last cell.
+        while cells.len() > expected && cells.last().is_some_and(|cell| cell.is_empty()) {
+            cells.pop();
+        }
+        if cells.len() != expected {
             let problem = Problem::error(
                 self.file,
                 format!("{} fields in `{}`", cells.len(), shown(line.as_bytes())),
                 format!(
-                    "{} (the block in line {} has {n} channels)",
-                    n + usize::from(block.has_time),
+                    "{expected} (the block in line {} has {n} channels)",
                     block.line
                 ),
                 "export the file again; a decimal comma needs tabs between the cells",
@@ -309,8 +330,11 @@ impl Reader<'_> {
             self.told.tell("fields", problem.at_line(number_of_line));
             return;
         }
+        if block.has_date {
+            cells.remove(0);
+        }
         let time = if block.has_time {
-            time_ms(cells[0], decimal)
+            block.time_ms(cells[0], decimal)
         } else if let Some(interval) = block.interval_ms {
             Some(block.times_ms.len() as f64 * interval)
         } else {
@@ -327,7 +351,7 @@ impl Reader<'_> {
             let problem = Problem::error(
                 self.file,
                 format!("`{}`", shown(cells[0].as_bytes())),
-                "a time in seconds or hours:minutes:seconds",
+                "a time in seconds, or hours:minutes:seconds with or without AM and PM",
                 "choose seconds in LabChart's export",
             );
             self.told.tell("time", problem.at_line(number_of_line));
@@ -362,15 +386,102 @@ impl Reader<'_> {
     }
 }
 
-/// A time as seconds or hours:minutes:seconds, in ms.
-fn time_ms(cell: &str, decimal: Decimal) -> Option<f64> {
-    cell.split(':')
-        .map(|part| number(part.trim().as_bytes(), decimal))
-        .try_fold(0.0, |sum, part| Some(60.0 * sum + part?))
-        .map(|seconds| 1000.0 * seconds)
+/// Cells of the part of a row before its comment.
+fn cells_of(numbers: &str) -> Vec<&str> {
+    numbers.split('\t').map(str::trim).collect()
 }
 
+/// Whether a cell is a date, such as 2/3/2026, 02.03.2026 or 2026-03-02.
+fn is_date(cell: &str) -> bool {
+    let parts: Vec<&str> = cell.split(['/', '-', '.']).collect();
+    parts.len() == 3
+        && parts
+            .iter()
+            .all(|part| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// Number of rows from which the form of a block is seen.
+const PROBE: usize = 200;
+
 impl Block {
+    /// Sees from the first rows whether there are columns of dates and times: from the most cells that
+    /// a row has. Where rows have as many cells as there are channels and one more that is empty, the
+    /// first column is a time if it rises by the interval.
+    fn form(&mut self, lines: &[&str], decimal: Decimal) {
+        let n = self.titles.len();
+        let rows: Vec<Vec<&str>> = lines
+            .iter()
+            .take_while(|line| !KEYS.iter().any(|key| line.starts_with(key)))
+            .map(|line| line.trim_end_matches(['\r', '\n', ' ']))
+            .map(|line| line.split('#').next().unwrap_or_default())
+            .filter(|line| !line.trim().is_empty())
+            .take(PROBE)
+            .map(cells_of)
+            .collect();
+        let dated = rows
+            .iter()
+            .all(|row| row.len() > n && is_date(row[0]) && row[1].contains(':'));
+        self.has_date = dated && !rows.is_empty();
+        let skip = usize::from(self.has_date);
+        let filled = |row: &Vec<&str>| {
+            let end = row.iter().rposition(|cell| !cell.is_empty());
+            end.map_or(0, |end| end + 1)
+        };
+        let most = rows.iter().map(filled).max().unwrap_or(0);
+        let written = rows.iter().map(Vec::len).max().unwrap_or(0);
+        self.has_time = if most != n + skip || written <= n + skip {
+            written != n + skip
+        } else {
+            let times: Vec<Option<f64>> = rows
+                .iter()
+                .map(|row| time_of_day_ms(row[skip], decimal))
+                .collect();
+            let interval = self.interval_ms.unwrap_or(f64::NAN);
+            times.len() > 1
+                && times.windows(2).all(|pair| match pair {
+                    [Some(a), Some(b)] => (b - a - interval).abs() <= 0.5 * interval,
+                    _ => false,
+                })
+        };
+    }
+
+    /// A time as seconds or hours:minutes:seconds, in ms; after midnight it counts on.
+    fn time_ms(&mut self, cell: &str, decimal: Decimal) -> Option<f64> {
+        let last = cell.rsplit(':').next().unwrap_or_default();
+        let decimals = last
+            .split_once(char::from(decimal.byte()))
+            .map_or(0, |(_, after)| {
+                after.bytes().take_while(u8::is_ascii_digit).count()
+            });
+        self.decimals = self.decimals.max(decimals);
+        self.clock.count_on(time_of_day_ms(cell, decimal)?)
+    }
+
+    /// Replaces rounded times by the stated interval if they are those times but for their rounding;
+    /// returns it then.
+    fn exact_times(&mut self) -> Option<f64> {
+        let interval = self.interval_ms.filter(|_| self.has_time)?;
+        let unit = 1e3 * 0.1_f64.powi(self.decimals as i32);
+        let first = *self.times_ms.first()?;
+        let off = |(i, t): (usize, &f64)| t - first - i as f64 * interval;
+        let (low, high) = self
+            .times_ms
+            .iter()
+            .enumerate()
+            .map(off)
+            .fold((0.0_f64, 0.0_f64), |(l, h), d| (l.min(d), h.max(d)));
+        // Exact multiples stay as they are written.
+        let rounded = high - low > 0.01 * interval;
+        // A time may be rounded or cut: both leave a spread of one unit at most.
+        if !rounded || high - low > 1.001 * unit {
+            return None;
+        }
+        for (i, t) in self.times_ms.iter_mut().enumerate() {
+            *t = first + i as f64 * interval;
+        }
+        Some(interval)
+    }
+
     fn labels(&self) -> Vec<Label> {
         let unit_of_range = |i: usize| {
             self.ranges
@@ -385,6 +496,10 @@ impl Block {
                     .get(i)
                     .filter(|unit| !unit.is_empty() && *unit != "*")
                     .cloned();
+                let titled = Label::new(&self.titles[i]);
+                if unit.is_none() && titled.unit.is_some() {
+                    return titled;
+                }
                 Label::with_unit(
                     &self.titles[i],
                     unit.or_else(|| unit_of_range(i)).as_deref(),
@@ -442,6 +557,9 @@ fn choose(mut blocks: Vec<Block>, file: &Path, wanted: Option<usize>) -> Result<
                 return Err(differs("times from its own begin and no date"));
             };
             (here - first) * DAY_MS
+        } else if let (Some(first), Some(here)) = (whole.date, block.date) {
+            // Times of day begin anew on each day.
+            (here.floor() - first.floor()) * DAY_MS
         } else {
             0.0
         };

@@ -9,7 +9,10 @@
 )]
 #![deny(missing_docs)]
 
+pub mod acqknowledge;
+mod clock;
 mod columns;
+mod compound_file;
 pub mod delimited;
 pub mod dialect;
 pub mod edf;
@@ -19,11 +22,13 @@ mod headers;
 pub mod labchart;
 mod number;
 mod samples;
+mod stamps;
 pub mod text;
 mod told;
 pub mod volume_reports;
 mod wanted;
 pub mod wfdb;
+mod workbook_bounds;
 
 use std::path::Path;
 
@@ -34,6 +39,7 @@ pub use number::Decimal;
 pub use wanted::{Table, TableReading, Wanted};
 
 use delimited::{Layout, binary, layout, parse_layout, refused};
+use stamps::without_stamps;
 use text::{Decoded, decode};
 
 /// A file to read.
@@ -102,8 +108,20 @@ fn read_text(
 ) -> TableReading {
     let Request { file, wanted, .. } = *request;
     let text = decoded.text.as_ref();
+    let is_table = matches!(
+        format,
+        FileFormat::Csv | FileFormat::ExcelCsv | FileFormat::Millar
+    );
+    if is_table && let Some((decoded, said)) = without_stamps(decoded) {
+        let mut reading = read_text(&decoded, request, format, beside);
+        if let Some(table) = &mut reading.table {
+            table.said.push(said);
+        }
+        return reading;
+    }
     match format {
         FileFormat::Labchart => labchart::parse(decoded, file, wanted, request.block),
+        FileFormat::Acqknowledge => acqknowledge::parse(decoded, file, wanted),
         FileFormat::Segment => {
             volume_reports::parse(decoded, file, wanted, "Segment's volume curve")
         }
@@ -145,6 +163,8 @@ pub fn detect(bytes: &[u8], decoded: Option<&Decoded<'_>>, file: &Path) -> Optio
     let text = decoded?.text.as_ref();
     Some(if labchart::is_labchart(text) {
         FileFormat::Labchart
+    } else if acqknowledge::is_acqknowledge(text) {
+        FileFormat::Acqknowledge
     } else if volume_reports::is_segment(text) {
         FileFormat::Segment
     } else if volume_reports::is_cvi42(text) {

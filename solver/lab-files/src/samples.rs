@@ -53,7 +53,7 @@ impl Format {
     }
 
     /// Value that marks a lost sample.
-    fn lost(self) -> Option<i32> {
+    pub(crate) fn lost(self) -> Option<i32> {
         match self {
             Self::Differences => None,
             Self::Little(2) | Self::Big | Self::Offset(2) => Some(-32_768),

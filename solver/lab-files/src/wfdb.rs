@@ -13,7 +13,7 @@ use crate::delimited::refused;
 use crate::grid::Grid;
 use crate::headers::Label;
 use crate::samples::{Format, decode};
-use crate::wanted::{TableReading, Wanted};
+use crate::wanted::{TableReading, Wanted, times_of_the_file};
 
 /// Reader of a file beside the header, by its name there. Errors come in words.
 pub type Beside<'a> = dyn FnMut(&str) -> Result<Vec<u8>, String> + 'a;
@@ -35,6 +35,8 @@ struct Signal {
     baseline: f64,
     label: Label,
     first: i32,
+    /// Sum of all samples that the header states, in 16 bits.
+    checksum: Option<i32>,
 }
 
 /// Whether a text is the header of a WFDB record.
@@ -87,25 +89,16 @@ fn record(line: &str) -> Result<(usize, f64, Option<usize>), String> {
 #[must_use]
 pub fn parse(text: &str, file: &Path, wanted: &[Wanted], beside: &mut Beside<'_>) -> TableReading {
     match grid(text, file, beside) {
-        Ok(grid) => {
-            let wanted: Vec<Wanted> = wanted
-                .iter()
-                .map(|one| match one.quantity {
-                    "time" => Wanted {
-                        names: vec![("time_ms".to_owned(), 1.0)],
-                        given: false,
-                        ..one.clone()
-                    },
-                    _ => one.clone(),
-                })
-                .collect();
-            grid.choose(file, &wanted)
+        Ok((grid, warnings)) => {
+            let mut reading = grid.choose(file, &times_of_the_file(wanted));
+            reading.problems.splice(0..0, warnings);
+            reading
         }
         Err(problem) => refused(problem),
     }
 }
 
-fn grid(text: &str, file: &Path, beside: &mut Beside<'_>) -> Result<Grid, Problem> {
+fn grid(text: &str, file: &Path, beside: &mut Beside<'_>) -> Result<(Grid, Vec<Problem>), Problem> {
     let wrong = |line: usize, found: String, expected: &str| {
         Problem::error(
             file,
@@ -165,6 +158,7 @@ fn grid(text: &str, file: &Path, beside: &mut Beside<'_>) -> Result<Grid, Proble
         .map(|s| s.samples_per_frame)
         .max()
         .unwrap_or(1);
+    let mut warnings = Vec::new();
     let mut begin = 0;
     let mut most = 0;
     while begin < n {
@@ -210,6 +204,39 @@ fn grid(text: &str, file: &Path, beside: &mut Beside<'_>) -> Result<Grid, Proble
         }
         let mut offset = 0;
         for (signal, count) in group.iter().zip(each) {
+            let samples = (0..n_frames).flat_map(|frame| {
+                let at = frame * width + offset;
+                &flat[at..at + count]
+            });
+            let sum = samples.fold(0_i64, |sum, sample| {
+                // A lost sample has the format's lowest value.
+                sum + i64::from(sample.or(signal.format.lost()).unwrap_or(0))
+            });
+            if let Some(stated) = signal.checksum
+                && (sum - i64::from(stated)).rem_euclid(1 << 16) != 0
+            {
+                let seen = (sum + (1 << 15)).rem_euclid(1 << 16) - (1 << 15);
+                // Some programs write no checksum but a zero.
+                let new = if stated == 0 {
+                    Problem::warning
+                } else {
+                    Problem::error
+                };
+                let problem = new(
+                    file,
+                    format!(
+                        "signal `{}` whose samples have the checksum {seen}",
+                        signal.label.full
+                    ),
+                    format!("{stated}, as the header states"),
+                    "copy the record again: samples were lost or changed; if they are right, set the checksum in the header",
+                )
+                .at_line(signal.line);
+                if stated != 0 {
+                    return Err(problem);
+                }
+                warnings.push(problem);
+            }
             let value = |k: usize| -> f64 {
                 // A skew of k samples means that the signal's samples come k frames late.
                 let frame = k / count + signal.skew;
@@ -251,7 +278,7 @@ fn grid(text: &str, file: &Path, beside: &mut Beside<'_>) -> Result<Grid, Proble
     grid.labels.insert(0, Label::new("time_ms"));
     grid.columns
         .insert(0, (0..most).map(|k| k as f64 * step_ms).collect());
-    Ok(grid)
+    Ok((grid, warnings))
 }
 
 fn signal(line_number: usize, line: &str) -> Result<Signal, String> {
@@ -302,10 +329,11 @@ fn signal(line_number: usize, line: &str) -> Result<Signal, String> {
     let gain = if gain.is_empty() { 0.0 } else { real(gain)? };
     let baseline = baseline.map(real).transpose()?;
     let mut integer = || fields.next().and_then(|field| field.parse::<i32>().ok());
-    let (_resolution, zero, first, _checksum, _block) =
+    let (_resolution, zero, first, checksum, _block) =
         (integer(), integer(), integer(), integer(), integer());
     let description = fields.collect::<Vec<&str>>().join(" ");
     let zero = zero.unwrap_or(0);
+    let uncalibrated = gain == 0.0;
     Ok(Signal {
         line: line_number,
         file,
@@ -315,8 +343,18 @@ fn signal(line_number: usize, line: &str) -> Result<Signal, String> {
         offset,
         gain: if gain == 0.0 { USUAL_GAIN } else { gain },
         baseline: baseline.unwrap_or_else(|| f64::from(zero)),
-        label: Label::with_unit(&description, Some(unit)),
+        label: if uncalibrated && unit.trim() != "mV" {
+            // Raw numbers have no unit, whatever the header calls it.
+            Label {
+                full: description.clone(),
+                name: description,
+                unit: None,
+            }
+        } else {
+            Label::with_unit(&description, Some(unit))
+        },
         first: first.unwrap_or(zero),
+        checksum,
     })
 }
 
@@ -393,5 +431,41 @@ mod tests {
             let told = read(&header, &[1, 0, 2, 0]).problems[0].to_string();
             assert!(parts.iter().all(|part| told.contains(part)), "{told}");
         }
+    }
+
+    #[test]
+    fn a_lost_sample_is_seen_by_the_checksum() {
+        let bytes: Vec<u8> = [95_i16, 995, 3, -7]
+            .iter()
+            .flat_map(|s| s.to_le_bytes())
+            .collect();
+        let header = |sum: i32| format!("r 1 500\nr.dat 16 10/mmHg 16 0 0 {sum} 0 LVP\n");
+        assert_eq!(read(&header(1086), &bytes).problems, []);
+        // In 16 bits, with and without a sign.
+        assert_eq!(read(&header(1086 + 65536), &bytes).problems, []);
+        let told = read(&header(1086), &bytes[..6]).problems[0].to_string();
+        assert!(
+            told.contains("r.hea:2")
+                && told.contains("`LVP (mmHg)`")
+                && told.contains("1086, as the header states"),
+            "{told}"
+        );
+        let warned = read(&header(0), &bytes);
+        assert!(warned.table.is_some() && !warned.problems[0].is_error());
+    }
+
+    #[test]
+    fn a_gain_of_zero_is_no_calibration() {
+        let header = "r 2 500\nr.dat 16 0/mmHg 16 0 0 8 0 LVP\nr.dat 16 0/mV 16 0 0 4 0 ECG\n";
+        let bytes: Vec<u8> = [5_i16, 1, 3, 3]
+            .iter()
+            .flat_map(|s| s.to_le_bytes())
+            .collect();
+        let told = read(header, &bytes).problems[0].to_string();
+        assert!(told.contains("`LVP` without a unit"), "{told}");
+        // Of an electrocardiogram 200 units for a millivolt are usual (header(5)).
+        let only = header.replace("LVP", "Resp").replace("0/mmHg", "10/L");
+        let table = read(&only, &bytes).table.unwrap();
+        assert_eq!(table.columns["ecg"], [0.005, 0.015]);
     }
 }

@@ -6,7 +6,6 @@
 //! - [`boundary`]: follower pressure, springs
 //! - [`newton`], [`statics`]: equilibrium under a growing load
 //! - [`linear`]: the tangent and its storage; solvers are in [`cardiotwin_linalg`]
-//! - [`prescribed`]: bodies under active stress and pressures that are prescribed in time
 //! - [`tissue`]: fibres and activation times on ranks
 //! - [`number`]: the numbers that kernels are written over, SIMD vectors among them
 //!
@@ -32,7 +31,6 @@ pub mod material;
 pub mod newton;
 pub mod number;
 pub mod organ;
-pub mod prescribed;
 pub mod statics;
 pub mod step;
 pub mod time_integration;

@@ -28,6 +28,8 @@ use std::collections::{BTreeMap, HashMap};
 
 /// Largest accepted deviation of a fibre's length from one.
 const UNIT_TOLERANCE: f64 = 1e-3;
+/// Cosine of the angle up to which two fibres have one direction (1.8°).
+const ALIKE: f64 = 0.9995;
 /// Nodes count as doubled if their distance is less than this share of the mean edge.
 pub(crate) const DOUBLED: f64 = 1e-4;
 
@@ -316,11 +318,25 @@ fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
         .map(|e| (e, norm(mesh.frames[e].fibre)))
         .filter(|(_, length)| length.is_nan() || (length - 1.0).abs() > UNIT_TOLERANCE)
         .collect();
+    let contracting: Vec<usize> = (0..mesh.n_tets()).filter(contracts).collect();
+    found.extend(one_direction(mesh, &contracting));
     wrong.sort_by(|a, b| (b.1 - 1.0).abs().total_cmp(&(a.1 - 1.0).abs()));
     if let Some((_, worst)) = wrong.first().copied() {
         let places = wrong.iter().map(|(e, _)| at_element(mesh, *e)).collect();
         found.push(Defect::FibreLength { of, worst, places });
     }
+}
+
+/// A warning where the fibres of all contracting elements have one direction.
+fn one_direction(mesh: &TetMesh, contracting: &[usize]) -> Option<Defect> {
+    let first = mesh.frames[*contracting.first()?].fibre;
+    let alike = |e: &usize| {
+        let along = crate::vec3::dot(mesh.frames[*e].fibre, first);
+        along.abs() > ALIKE * norm(first) * norm(mesh.frames[*e].fibre)
+    };
+    let of = contracting.len();
+    (of > 1 && norm(first) > 0.0 && contracting.iter().all(alike))
+        .then_some(Defect::OneDirection { of })
 }
 
 /// Defects of the activation: sites without contracting tissue near them, or invalid times.

@@ -26,7 +26,7 @@ impl Landmarks {
     #[must_use]
     pub fn of(mesh: &TetMesh) -> Option<Self> {
         let endocardium = mesh.surface(surface_names::ENDOCARDIUM)?;
-        let outer = mesh.surface(surface_names::EPICARDIUM)?;
+        mesh.surface(surface_names::EPICARDIUM)?;
         let cavity = Cavity::behind(&endocardium.triangles).ok()?;
         let largest = (0..cavity.openings.len()).max_by_key(|k| cavity.openings[*k].len())?;
         let base_mm = cavity.opening_centre_mm(largest, &mesh.nodes_mm);
@@ -42,7 +42,10 @@ impl Landmarks {
             let places = nodes.into_iter().map(|node| mesh.nodes_mm[node as usize]);
             places.max_by(|a, b| below(*a).total_cmp(&below(*b)))
         };
-        let (apex_mm, endocardial_apex_mm) = (lowest(outer.nodes())?, lowest(endocardium.nodes())?);
+        let (apex_mm, endocardial_apex_mm) = (
+            lowest(mesh.outer_wall().nodes())?,
+            lowest(endocardium.nodes())?,
+        );
         let marks = Self {
             base_mm,
             apex_mm,

@@ -4,8 +4,8 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use crate::surface::{Surface, SurfaceDefect, boundary, openings, sorted};
-use crate::tet_mesh::{TetMesh, surface_names};
+use crate::surface::{Surface, SurfaceDefect, boundary, boundary_of, openings, sorted};
+use crate::tet_mesh::{TetMesh, surface_names, tags};
 use crate::vec3::{Vec3, add, distance, scale};
 
 /// The rim of both ventricles, divided by the nearest opening.
@@ -62,8 +62,10 @@ pub fn rims(mesh: &TetMesh) -> Result<Option<Rims>, SurfaceDefect> {
 }
 
 /// The mesh with the surfaces of the left ventricle alone: its part of the rim, and the outer side
-/// of its muscle as epicardium, including the septum's right side. A mesh without a right
-/// ventricle, or one that cannot be divided, is returned unchanged.
+/// of its muscle as epicardium, including the septum's right side and the faces inside the tissue
+/// where the right ventricle's wall joins it. Without these the epicardium would have two gaps,
+/// and its centre would lie aside. A mesh without a right ventricle, or one that cannot be divided,
+/// is returned unchanged.
 ///
 /// - `muscle`: tags of the left ventricle's wall
 #[must_use]
@@ -85,6 +87,12 @@ pub fn left_alone<'a>(mesh: &'a TetMesh, muscle: &[i32]) -> Cow<'a, TetMesh> {
         .flat_map(|s| s.triangles.iter().filter(of_muscle))
         .copied()
         .collect();
+    let beside = |e: usize| mesh.tags[e] >= tags::BESIDE && !muscle.contains(&mesh.tags[e]);
+    let joined: Vec<[u32; 3]> = boundary_of(mesh, |e| !beside(e))
+        .into_iter()
+        .map(|face| face.triangle)
+        .filter(|triangle| !owner.contains_key(&sorted(*triangle)))
+        .collect();
     left.surfaces
         .retain(|surface| surface.name != surface_names::RIGHT_VENTRICLE);
     for Surface { name, triangles } in &mut left.surfaces {
@@ -95,6 +103,7 @@ pub fn left_alone<'a>(mesh: &'a TetMesh, muscle: &[i32]) -> Cow<'a, TetMesh> {
                     .iter()
                     .filter(of_muscle)
                     .chain(&right)
+                    .chain(&joined)
                     .copied()
                     .collect();
             }
@@ -180,5 +189,58 @@ mod tests {
             ..mesh.clone()
         };
         assert!(matches!(left_alone(&alone, &[1]), Cow::Borrowed(_)));
+    }
+
+    /// Number of the outer faces of the muscle and of the septum's right side, without inner ones.
+    fn outer_alone(mesh: &TetMesh, muscle: &[i32]) -> usize {
+        let named = [surface_names::EPICARDIUM, surface_names::RIGHT_VENTRICLE];
+        let outside: std::collections::BTreeSet<[u32; 3]> = named
+            .iter()
+            .flat_map(|name| &mesh.surface(name).unwrap().triangles)
+            .map(|t| sorted(*t))
+            .collect();
+        boundary(mesh)
+            .iter()
+            .filter(|face| muscle.contains(&mesh.tags[face.tet as usize]))
+            .filter(|face| outside.contains(&sorted(face.triangle)))
+            .count()
+    }
+
+    #[test]
+    fn the_outer_wall_of_the_left_ventricle_is_closed_where_the_right_wall_joins_it() {
+        let mut mesh = both_ventricles();
+        let muscle = [1, 3];
+        let right_of = |tag: i32| tags::BESIDE + tag;
+        for tag in &mut mesh.tags {
+            if !muscle.contains(tag) {
+                *tag = right_of(*tag);
+            }
+        }
+        let left = left_alone(&mesh, &muscle);
+        // Around the middle of the height the outer wall's nodes lie all around, with no empty sector
+        // of more than a few elements.
+        let outer = left.outer_wall();
+        let marks = crate::landmarks::Landmarks::of(&left).unwrap();
+        let across = crate::vec3::any_perpendicular(marks.axis);
+        let other = crate::vec3::cross(marks.axis, across);
+        let mut angles: Vec<f64> = outer
+            .nodes()
+            .into_iter()
+            .map(|node| crate::vec3::sub(mesh.nodes_mm[node as usize], marks.base_mm))
+            .filter(|x| {
+                let height = 1.0 + crate::vec3::dot(*x, marks.axis) / marks.apex_height_mm;
+                (0.4..0.6).contains(&height)
+            })
+            .map(|x| crate::vec3::dot(x, other).atan2(crate::vec3::dot(x, across)))
+            .collect();
+        angles.sort_by(f64::total_cmp);
+        let around = angles[0] + std::f64::consts::TAU - angles[angles.len() - 1];
+        let widest = angles
+            .windows(2)
+            .map(|pair| pair[1] - pair[0])
+            .fold(around, f64::max);
+        assert!(widest.to_degrees() < 20.0, "{}°", widest.to_degrees());
+        // Without the faces where the walls join, two sectors are empty.
+        assert!(left.outer_wall().triangles.len() > outer_alone(&mesh, &muscle));
     }
 }

@@ -109,6 +109,25 @@ impl TetMesh {
         self.surfaces.iter().find(|surface| surface.name == name)
     }
 
+    /// The outer wall all around, which is what measures of shape need: [`surface_names::EPICARDIUM`] and
+    /// the part of it that is marked as [`surface_names::SEPTUM`]. A triangle of both counts once. It is
+    /// empty if the mesh has neither. In a mesh of both ventricles the left ventricle's outer wall has
+    /// further parts ([`crate::right_ventricle::left_alone`]).
+    #[must_use]
+    pub fn outer_wall(&self) -> Surface {
+        let mut seen = std::collections::BTreeSet::new();
+        let triangles = [surface_names::EPICARDIUM, surface_names::SEPTUM]
+            .into_iter()
+            .filter_map(|name| self.surface(name))
+            .flat_map(|surface| surface.triangles.iter().copied())
+            .filter(|triangle| seen.insert(crate::surface::sorted(*triangle)))
+            .collect();
+        Surface {
+            name: surface_names::EPICARDIUM.to_owned(),
+            triangles,
+        }
+    }
+
     /// Turns all elements if every one of them has a negative volume, as in files with the opposite
     /// convention. Otherwise the mesh is left unchanged for [`crate::checks`] to report. Returns
     /// whether elements were turned.

@@ -153,6 +153,7 @@ proptest! {
             contraction: GroupContraction::tanh(Tanh::new(tanh).unwrap()),
             cycle_length,
             pressure_terms: Vec::new(),
+            law: None,
         })
         .unwrap();
         let outcome = run_beats(&mut ventricle, &mut heart.build().unwrap(), &BeatSettings::one_beat(cycle_length));

@@ -131,6 +131,7 @@ impl Patient {
             contraction: GroupContraction::tanh(Tanh::new(tanh).ok()?),
             cycle_length: self.cycle_length,
             pressure_terms: Vec::new(),
+            law: None,
         })
         .unwrap();
         let mut circulation = heart.build().unwrap();

@@ -3,6 +3,7 @@
 
 use cardiotwin_vocabulary::preparation::{BeatSource, BeatsStep};
 
+use crate::filter::{centre_and_spread, smooth};
 use crate::landmarks::{refine, usual_course};
 use crate::recording::Recording;
 use crate::{r_waves, upstrokes};
@@ -17,6 +18,16 @@ const EARLY_MS: f64 = 20.0;
 /// Half of the interval around the steepest rise over which beats are compared \[ms\]: from before
 /// the foot to ejection.
 const RISE_MS: f64 = 70.0;
+
+/// Share of beats in which the pressure must rise once for R waves to be believed. Where each T wave
+/// counts as well, it is half; a heart with many beats that do not eject is above.
+const AGREES: f64 = 0.6;
+/// Difference of delays from which a cleaned signal is preferred \[ms\].
+const CLEARLY_MS: f64 = 20.0;
+/// Share of the maximal slope below which the pressure has not begun to rise.
+const FOOT: f64 = 0.1;
+/// Half width of the smoothing of the usual rise before its foot is looked for \[ms\].
+const FOOT_SMOOTH_MS: f64 = 4.0;
 
 /// A beat, from its beginning to that of the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +49,43 @@ pub struct FoundBeats {
     pub rises_ms: Vec<f64>,
     /// Time before the first beat, after the last one, and in stretches without a beat \[ms\].
     pub left_over_ms: f64,
+    /// What is to be told about the electrocardiogram; nothing without one.
+    pub ecg: EcgSeen,
+}
+
+/// What was seen of the electrocardiogram.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct EcgSeen {
+    /// Time in which the pressure has samples and the electrocardiogram has none, or stands still
+    /// \[ms\].
+    pub without_ms: f64,
+    /// Reason why beats were found from the pressure instead.
+    pub refused: Option<EcgRefused>,
+    /// What was taken out of the signal before R waves were found.
+    pub cleaned: Option<Cleaned>,
+}
+
+/// Reasons for which an electrocardiogram is not used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum EcgRefused {
+    /// It has no samples, or only equal ones.
+    Empty,
+    /// The pressure does not rise once between its R waves: in this many of so many beats.
+    Disagrees {
+        /// Beats in which the pressure rises once.
+        once: usize,
+        /// All beats between R waves.
+        of: usize,
+    },
+}
+
+/// What is taken out of an electrocardiogram.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cleaned {
+    /// Pacing spikes.
+    Spikes,
+    /// Pacing spikes and the hum of mains.
+    SpikesAndHum,
 }
 
 /// Reasons why no beats are found.
@@ -63,41 +111,44 @@ pub enum BeatError {
 pub fn find(recording: &Recording, settings: &BeatsStep) -> Result<FoundBeats, BeatError> {
     let slopes = upstrokes::slopes(recording, recording.leading_pressure());
     let rises_ms = upstrokes::find(recording, recording.leading_pressure(), &slopes);
-    let source = settings
-        .source
-        .unwrap_or(if recording.channels.ecg_mv.is_some() {
-            BeatSource::RWave
-        } else {
-            BeatSource::PressureRise
-        });
-    let onsets = match source {
-        BeatSource::RWave => r_waves::find(
-            recording,
-            recording
-                .channels
-                .ecg_mv
-                .as_deref()
-                .ok_or(BeatError::NoEcg)?,
-        ),
-        BeatSource::PressureRise => {
-            let rises = refine(recording, recording.leading_pressure(), &rises_ms, RISE_MS);
-            let lead = lead_of_the_foot(recording, &rises);
-            rises.iter().map(|t| t - lead).collect()
-        }
-        BeatSource::Given => settings
-            .onsets_ms
-            .iter()
-            .map(|t| t - recording.begin_ms)
-            .collect(),
+    let ecg = recording.channels.ecg_mv.as_deref();
+    let mut seen = EcgSeen {
+        without_ms: ecg.map_or(0.0, |ecg| without_ms(recording, ecg)),
+        ..EcgSeen::default()
     };
-    let beats: Vec<Beat> = onsets
-        .windows(2)
-        .map(|w| Beat {
-            onset_ms: w[0],
-            length_ms: w[1] - w[0],
-        })
-        .filter(|beat| beat.onset_ms >= 0.0 && LENGTHS_MS.contains(&beat.length_ms))
-        .collect();
+    let by_rise = || {
+        let rises = refine(recording, recording.leading_pressure(), &rises_ms, RISE_MS);
+        let lead = lead_of_the_foot(recording, &rises);
+        rises.iter().map(|t| t - lead).collect::<Vec<f64>>()
+    };
+    let (source, onsets) = match settings.source {
+        Some(BeatSource::RWave) => {
+            let ecg = ecg.ok_or(BeatError::NoEcg)?;
+            let r_waves = RWaves::of(recording, ecg, &rises_ms);
+            seen.cleaned = r_waves.cleaned;
+            (BeatSource::RWave, r_waves.onsets_ms)
+        }
+        Some(BeatSource::PressureRise) => {
+            seen = EcgSeen::default();
+            (BeatSource::PressureRise, by_rise())
+        }
+        None => match ecg.map(|ecg| RWaves::of(recording, ecg, &rises_ms)) {
+            Some(found) if found.agrees() => {
+                seen.cleaned = found.cleaned;
+                (BeatSource::RWave, found.onsets_ms)
+            }
+            refused => {
+                seen.refused = refused.map(|found| found.refusal());
+                (BeatSource::PressureRise, by_rise())
+            }
+        },
+        Some(BeatSource::Given) => {
+            seen = EcgSeen::default();
+            let given = settings.onsets_ms.iter().map(|t| t - recording.begin_ms);
+            (BeatSource::Given, given.collect())
+        }
+    };
+    let beats = between(&onsets);
     if beats.is_empty() {
         return Err(BeatError::NoBeats {
             n_found: onsets.len(),
@@ -110,28 +161,176 @@ pub fn find(recording: &Recording, settings: &BeatsStep) -> Result<FoundBeats, B
         beats,
         rises_ms,
         left_over_ms: left_over_ms.max(0.0),
+        ecg: seen,
     })
 }
 
-/// Time from the foot of the rise to its steepest point \[ms\]. The foot is the intersection of the
-/// typical rise's tangent with the typical pressure before it. All beats share one value, so that
-/// noise in the individual feet does not matter.
+/// Beats between beginnings, without those of an impossible length.
+fn between(onsets_ms: &[f64]) -> Vec<Beat> {
+    onsets_ms
+        .windows(2)
+        .map(|w| Beat {
+            onset_ms: w[0],
+            length_ms: w[1] - w[0],
+        })
+        .filter(|beat| beat.onset_ms >= 0.0 && LENGTHS_MS.contains(&beat.length_ms))
+        .collect()
+}
+
+/// Time for which the leading pressure has samples and the electrocardiogram has none, or the same
+/// one for a second or longer \[ms\].
+fn without_ms(recording: &Recording, ecg_mv: &[f64]) -> f64 {
+    let second = recording.samples(1000.0);
+    let pressure = recording.leading_pressure();
+    let mut absent = vec![false; ecg_mv.len()];
+    let mut begin = 0;
+    for i in 0..=ecg_mv.len() {
+        let same = i < ecg_mv.len()
+            && (ecg_mv[i] == ecg_mv[begin] || ecg_mv[i].is_nan() && ecg_mv[begin].is_nan());
+        if !same {
+            if i - begin > second {
+                absent[begin..i].fill(true);
+            }
+            begin = i.min(ecg_mv.len().saturating_sub(1));
+        }
+    }
+    let n = (0..ecg_mv.len())
+        .filter(|i| (absent[*i] || ecg_mv[*i].is_nan()) && pressure[*i].is_finite())
+        .count();
+    n as f64 * recording.step_ms
+}
+
+/// R waves, and how well they agree with the pressure's rises.
+struct RWaves {
+    onsets_ms: Vec<f64>,
+    cleaned: Option<Cleaned>,
+    /// Beats in which the pressure rises once, and all beats without lost samples.
+    once: usize,
+    of: usize,
+    /// Usual time from the R wave to the steepest rise, and its spread \[ms\].
+    delay_ms: (f64, f64),
+    empty: bool,
+}
+
+impl RWaves {
+    /// R waves of the signal as it is and of the cleaned one, whichever agrees better with the
+    /// pressure: a spike of an atrial pacemaker precedes the rise by longer than the R wave does, and
+    /// hum scatters the times.
+    fn of(recording: &Recording, ecg_mv: &[f64], rises_ms: &[f64]) -> Self {
+        let as_it_is = Self::judged(recording, ecg_mv, rises_ms, None);
+        if as_it_is.empty {
+            return as_it_is;
+        }
+        let still = r_waves::without_spikes(recording, ecg_mv);
+        let silent = r_waves::without_hum(recording, &still);
+        let cleaned = [(Cleaned::Spikes, still), (Cleaned::SpikesAndHum, silent)]
+            .map(|(how, ecg)| Self::judged(recording, &ecg, rises_ms, Some(how)));
+        cleaned.into_iter().fold(as_it_is, |best, other| {
+            if other.is_better_than(&best) {
+                other
+            } else {
+                best
+            }
+        })
+    }
+
+    fn judged(
+        recording: &Recording,
+        ecg_mv: &[f64],
+        rises_ms: &[f64],
+        cleaned: Option<Cleaned>,
+    ) -> Self {
+        let mut finite = ecg_mv.iter().filter(|v| v.is_finite());
+        let first = finite.next().copied().unwrap_or(0.0);
+        let empty = finite.all(|v| *v == first);
+        let onsets_ms = if empty {
+            Vec::new()
+        } else {
+            r_waves::find(recording, ecg_mv)
+        };
+        let pressure = recording.leading_pressure();
+        let whole = |beat: &Beat| {
+            let at = |ms: f64| (recording.position(ms) as usize).min(pressure.len());
+            let span = &pressure[at(beat.onset_ms)..at(beat.onset_ms + beat.length_ms)];
+            span.iter().all(|p| p.is_finite())
+        };
+        let beats: Vec<Beat> = between(&onsets_ms).into_iter().filter(whole).collect();
+        let delays: Vec<f64> = beats
+            .iter()
+            .filter(|beat| rises_of(beat, rises_ms) == 1)
+            .filter_map(|beat| {
+                let next = rises_ms.partition_point(|t| *t < beat.onset_ms - EARLY_MS);
+                Some(rises_ms.get(next)? - beat.onset_ms)
+            })
+            .collect();
+        Self {
+            onsets_ms,
+            cleaned,
+            once: delays.len(),
+            of: beats.len(),
+            delay_ms: centre_and_spread(&delays),
+            empty,
+        }
+    }
+
+    fn share(&self) -> f64 {
+        self.once as f64 / self.of.max(1) as f64
+    }
+
+    fn agrees(&self) -> bool {
+        self.of > 0 && self.share() >= AGREES
+    }
+
+    /// Whether these R waves agree better with the pressure: clearly more beats with one rise, or as
+    /// many and a rise that follows clearly sooner and more evenly.
+    fn is_better_than(&self, other: &Self) -> bool {
+        let sum = |waves: &Self| waves.delay_ms.0 + 3.0 * waves.delay_ms.1;
+        if self.once == 0 || self.share() + 0.1 < other.share() {
+            return false;
+        }
+        other.once == 0
+            || (self.share() > other.share() + 0.1 && self.once >= other.once)
+            || (10 * self.once >= 9 * other.once && sum(self) < sum(other) - CLEARLY_MS)
+    }
+
+    fn refusal(&self) -> EcgRefused {
+        if self.empty {
+            EcgRefused::Empty
+        } else {
+            EcgRefused::Disagrees {
+                once: self.once,
+                of: self.of,
+            }
+        }
+    }
+}
+
+/// Time from the foot of the rise to its steepest point \[ms\]. The foot is the last time before the
+/// steepest point at which the usual pressure has not begun to rise: its slope is below a tenth of the
+/// steepest. The tangent's intersection with the level before it would lie later, since a rise begins
+/// with a bend. All beats share one value, so that noise in the individual feet does not matter.
 fn lead_of_the_foot(recording: &Recording, rises_ms: &[f64]) -> f64 {
     let step = recording.step_ms;
     let (usual, middle_ms) = usual_course(recording, recording.leading_pressure(), rises_ms, 160.0);
+    let half = if step > FOOT_SMOOTH_MS {
+        0
+    } else {
+        recording.samples(FOOT_SMOOTH_MS)
+    };
+    let usual = smooth(&usual, half);
     let middle = (middle_ms / step).round() as usize;
     let slope = |k: usize| (usual[k + 1] - usual[k - 1]) / (2.0 * step);
     let near = (middle - middle / 4).max(1)..=(middle + middle / 4).min(usual.len() - 2);
     let Some(steepest) = near.max_by(|a, b| slope(*a).total_cmp(&slope(*b))) else {
         return 0.0;
     };
-    // The lowest pressure lies early in diastole. The foot is therefore where the rise leaves the
-    // level immediately before it.
-    let level = (1..steepest)
-        .rev()
-        .find(|k| slope(*k) < 0.1 * slope(steepest))
-        .map_or(usual[0], |k| usual[k]);
-    let lead = (usual[steepest] - level) / slope(steepest) + middle_ms - steepest as f64 * step;
+    let limit = FOOT * slope(steepest);
+    let Some(before) = (1..steepest).rev().find(|k| slope(*k) < limit) else {
+        return 0.0;
+    };
+    // The slope crosses the limit between two samples.
+    let share = (limit - slope(before)) / (slope(before + 1) - slope(before));
+    let lead = middle_ms - (before as f64 + share) * step;
     if lead.is_finite() {
         lead.clamp(0.0, 150.0)
     } else {

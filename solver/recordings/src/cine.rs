@@ -156,10 +156,23 @@ impl Cine {
     }
 
     /// Noise of a frame \[mL\], estimated from the upper harmonics, which contain almost nothing of
-    /// the volume itself.
+    /// the volume itself. Where frames are left out, their place is filled between its neighbours:
+    /// without that, the gap itself would be seen as noise.
     #[must_use]
     pub fn noise_rms_ml(&self) -> f64 {
-        let v = &self.volume_ml;
+        let step = self.step_ms();
+        let even = self.time_ms.windows(2).all(|w| w[1] - w[0] < 1.5 * step);
+        let filled: Vec<f64>;
+        let v = if even {
+            &self.volume_ml
+        } else {
+            let n = (self.cycle_length_ms / step).round().max(FEWEST as f64);
+            let every = self.cycle_length_ms / n;
+            filled = (0..n as usize)
+                .map(|k| self.at(self.time_ms[0] + k as f64 * every))
+                .collect();
+            &filled
+        };
         let n = v.len();
         let top = (n - 1) / 2;
         let first = (NOISE_BAND * top as f64).ceil() as usize;

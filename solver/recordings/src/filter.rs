@@ -85,11 +85,17 @@ pub(crate) fn periodic_slope(values: &[f64], step_ms: f64) -> Vec<f64> {
 
 /// Typical height of peaks along a trace: the maximum in each window of `window` samples, followed
 /// by a running median over 21 windows, so that neither artefacts nor quiet stretches determine a
-/// threshold.
-pub(crate) fn usual_peaks(values: &[f64], window: usize) -> Vec<f64> {
+/// threshold. Windows in which `measured` mostly lacks samples, or stands still, do not count: a
+/// pause of any length leaves the heights on both sides as they are.
+pub(crate) fn usual_peaks(values: &[f64], measured: &[f64], window: usize) -> Vec<f64> {
+    let window = window.max(1);
     let largest: Vec<f64> = values
-        .chunks(window.max(1))
-        .map(|chunk| {
+        .chunks(window)
+        .zip(measured.chunks(window))
+        .map(|(chunk, measured)| {
+            if !is_measured(measured) {
+                return f64::NAN;
+            }
             chunk
                 .iter()
                 .copied()
@@ -97,15 +103,34 @@ pub(crate) fn usual_peaks(values: &[f64], window: usize) -> Vec<f64> {
                 .fold(0.0, f64::max)
         })
         .collect();
+    let sound: Vec<(usize, f64)> = largest
+        .iter()
+        .copied()
+        .enumerate()
+        .filter(|(_, height)| height.is_finite())
+        .collect();
     (0..largest.len())
         .map(|i| {
-            median(
-                largest[i.saturating_sub(10)..(i + 11).min(largest.len())]
-                    .iter()
-                    .copied(),
-            )
+            let next = sound.partition_point(|(k, _)| *k < i);
+            let near = &sound[next.saturating_sub(10)..(next + 11).min(sound.len())];
+            let height = median(near.iter().map(|(_, height)| *height));
+            if height.is_finite() { height } else { 0.0 }
         })
         .collect()
+}
+
+/// Whether at least half of the samples are there and not all of them are the same.
+fn is_measured(samples: &[f64]) -> bool {
+    let mut finite = samples.iter().copied().filter(|v| v.is_finite());
+    let Some(first) = finite.next() else {
+        return false;
+    };
+    let (mut n, mut moves) = (1_usize, false);
+    for value in finite {
+        n += 1;
+        moves |= value != first;
+    }
+    moves && 2 * n >= samples.len()
 }
 
 /// Offset of the extremum of a parabola through three neighbouring samples, in samples, from −0.5

@@ -14,6 +14,9 @@ const STEPS_MS: std::ops::RangeInclusive<f64> = 0.05..=20.0;
 /// Largest number of samples on a grid. Gaps are filled with missing samples, and a time that is
 /// wrong by hours must not exhaust the memory.
 const MOST: usize = 200_000_000;
+/// Number of samples on a grid up to which a recording may consist of gaps almost entirely: pauses of
+/// an hour at 1 kHz.
+const WITH_PAUSES: f64 = 4e6;
 
 /// Reasons why samples do not form a recording.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -105,7 +108,7 @@ impl Recording {
             usual
         };
         let n_grid = ((last_ms - first_ms) / step_ms).round() + 1.0;
-        if n_grid > MOST as f64 || n_grid > 50.0 * n as f64 {
+        if n_grid > MOST as f64 || n_grid > (50.0 * n as f64).max(WITH_PAUSES) {
             return Err(RecordingError::Span {
                 first_ms,
                 last_ms,

@@ -212,13 +212,38 @@ fn damage(recording: &Recording, beats: &[Beat], reasons: &mut [Vec<Reason>]) {
 
 fn timing(found: &FoundBeats, reasons: &mut [Vec<Reason>]) {
     let beats = &found.beats;
+    // Beats with lost or damaged samples, and beats without a rise of their own, say nothing about
+    // the usual length: their beginnings are uncertain.
+    let tells: Vec<bool> = beats
+        .iter()
+        .zip(reasons.iter())
+        .map(|(beat, reasons)| reasons.is_empty() && rises_of(beat, &found.rises_ms) == 1)
+        .collect();
     let shares: Vec<f64> = (0..beats.len())
         .map(|i| {
-            let near = &beats[i.saturating_sub(NEIGHBOURS)..(i + NEIGHBOURS + 1).min(beats.len())];
-            beats[i].length_ms / median(near.iter().map(|b| b.length_ms))
+            let near = i.saturating_sub(NEIGHBOURS)..(i + NEIGHBOURS + 1).min(beats.len());
+            let mut usual = median(
+                near.clone()
+                    .filter(|k| tells[*k])
+                    .map(|k| beats[k].length_ms),
+            );
+            if usual.is_nan() {
+                usual = median(near.map(|k| beats[k].length_ms));
+            }
+            beats[i].length_ms / usual
         })
         .collect();
-    let sd = centre_and_spread(&shares).1.max(LEAST_LENGTH_SD);
+    let of_usual: Vec<f64> = (0..beats.len())
+        .filter(|i| tells[*i])
+        .map(|i| shares[i])
+        .collect();
+    let spread = centre_and_spread(if of_usual.is_empty() {
+        &shares
+    } else {
+        &of_usual
+    })
+    .1;
+    let sd = spread.max(LEAST_LENGTH_SD);
     let (short, long) = (
         1.0 - SHORT.max(LENGTH_SD.0 * sd),
         1.0 + LONG.max(LENGTH_SD.1 * sd),

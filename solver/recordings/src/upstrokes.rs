@@ -41,7 +41,7 @@ const USUAL: f64 = 0.75;
 /// Times of the steepest rises after the recording's beginning \[ms\].
 pub(crate) fn find(recording: &Recording, pressure_mmhg: &[f64], slopes: &[f64]) -> Vec<f64> {
     let window = recording.samples(WINDOW_MS);
-    let usual = usual_peaks(slopes, window);
+    let usual = usual_peaks(slopes, pressure_mmhg, window);
     let usual_at = |i: usize| usual[(i / window).min(usual.len() - 1)];
     let mut sound = slopes.to_vec();
     let around = recording.samples(AROUND_MS);

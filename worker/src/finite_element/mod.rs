@@ -15,6 +15,7 @@ pub mod shapes;
 pub mod stored;
 pub mod tissue;
 pub mod wall;
+pub mod wall_means;
 
 pub use error::FiniteElementError;
 pub use stored::StoredVentricle;

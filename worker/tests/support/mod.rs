@@ -31,9 +31,11 @@ pub const PATIENTS: [&str; 7] = [
 ];
 
 pub fn patient_folder(id: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../examples/coa-seven/patients")
-        .join(id)
+    // Programs of dev/ include this file, and lie deeper.
+    let above = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    let mut folders = above.map(|folder| folder.join("examples/coa-seven/patients"));
+    let patients = folders.find(|folder| folder.is_dir());
+    patients.expect("the bundled cohort").join(id)
 }
 
 /// A file as input of a task, with the hash of its present content.

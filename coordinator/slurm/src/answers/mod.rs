@@ -8,6 +8,9 @@ pub mod accounting;
 pub mod config;
 pub mod qos;
 pub mod queue;
+#[cfg(test)]
+#[path = "../../tests/recorded/read.rs"]
+pub(crate) mod recorded;
 pub mod submit;
 
 /// End of a command.
@@ -149,52 +152,4 @@ fn first_line(text: &str) -> &str {
         .find(|line| !line.trim().is_empty())
         .unwrap_or("")
         .trim()
-}
-
-/// Recorded answers of a real Slurm, for tests.
-#[cfg(test)]
-pub(crate) mod recorded {
-    use super::{Exit, Output};
-
-    /// Exit code and output of a command, read from `tests/recorded/NAME.txt`.
-    pub fn output(name: &str) -> Output {
-        let file = format!("{}/tests/recorded/{name}.txt", env!("CARGO_MANIFEST_DIR"));
-        let text =
-            std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("cannot read {file}: {e}"));
-        let (head, rest) = text
-            .split_once("--- stdout\n")
-            .expect("a recorded answer has its stdout");
-        let (stdout, stderr) = rest
-            .split_once("--- stderr\n")
-            .expect("a recorded answer has its stderr");
-        let code = head
-            .lines()
-            .find_map(|line| line.strip_prefix("rc "))
-            .expect("a recorded answer has its exit code");
-        let code = code.parse().expect("an exit code is a number");
-        Output {
-            exit: Exit::Code(code),
-            stdout: stdout.to_owned(),
-            stderr: stderr.to_owned(),
-        }
-    }
-
-    /// Names of all recorded answers that begin with `start`.
-    pub fn names(start: &str) -> Vec<String> {
-        let folder = format!("{}/tests/recorded", env!("CARGO_MANIFEST_DIR"));
-        let mut names = std::fs::read_dir(&folder)
-            .expect("the folder of recorded answers")
-            .filter_map(|entry| {
-                entry
-                    .ok()?
-                    .file_name()
-                    .to_str()?
-                    .strip_suffix(".txt")
-                    .map(str::to_owned)
-            })
-            .filter(|name| name.starts_with(start))
-            .collect::<Vec<_>>();
-        names.sort();
-        names
-    }
 }

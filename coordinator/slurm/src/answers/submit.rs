@@ -76,6 +76,16 @@ const FAILURES: &[(&str, RefusalKind)] = {
         ("Invalid job array specification", Impossible),
         ("Job dependency problem", Impossible),
         ("Invalid feature specification", Impossible),
+        ("Requested reservation is invalid", Impossible),
+        ("Requested reservation not usable now", Busy),
+        ("Access denied to requested reservation", Person),
+        ("Invalid license specification", Impossible),
+        ("Invalid wckey specification", Impossible),
+        ("Invalid generic resource (gres) specification", Impossible),
+        (
+            "Invalid Trackable RESource (TRES) specification",
+            Impossible,
+        ),
         ("Invalid node name specified", Impossible),
         ("Access/permission denied", Person),
         ("User's group not permitted to use this partition", Person),
@@ -278,6 +288,46 @@ mod tests {
             read(&recorded::output("sbatch-no-slurmctld")),
             Submission::Doubtful { .. }
         ));
+    }
+
+    #[test]
+    fn what_a_person_must_mend_is_told_apart_from_what_passes() {
+        let kind = |why: &str| {
+            let stderr = format!("sbatch: error: Batch job submission failed: {why}\n");
+            match read(&Output {
+                exit: Exit::Code(1),
+                stdout: String::new(),
+                stderr,
+            }) {
+                Submission::Refused(refusal) => (refusal.said == why).then_some(refusal.kind),
+                _ => None,
+            }
+        };
+        for (why, wanted) in [
+            ("Requested reservation is invalid", RefusalKind::Impossible),
+            (
+                "Access denied to requested reservation",
+                RefusalKind::Person,
+            ),
+            (
+                "Invalid account or account/partition combination specified",
+                RefusalKind::Person,
+            ),
+            ("Invalid partition name specified", RefusalKind::Impossible),
+            ("Invalid qos specification", RefusalKind::Impossible),
+            ("Requested reservation not usable now", RefusalKind::Busy),
+            (
+                "Slurm temporarily unable to accept job, sleeping and retrying",
+                RefusalKind::Busy,
+            ),
+        ] {
+            assert_eq!(kind(why), Some(wanted), "{why}");
+        }
+        assert_eq!(
+            kind("Zero Bytes were transmitted or received"),
+            None,
+            "what no table has is looked up"
+        );
     }
 
     proptest! {

@@ -17,8 +17,10 @@ use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::{
     BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
 };
+use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{Artefact, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
+use cardiotwin_schemas::record::Step1Summary;
 use cardiotwin_schemas::settings::LastStep;
 use cardiotwin_schemas::task::{CellInOrgan, NoopSpec, Step1Beat, TaskSpec};
 
@@ -118,6 +120,16 @@ struct Published<'a> {
     directory: PathBuf,
 }
 
+/// End of step 1.
+struct Step1Ended<'a> {
+    /// Best simulation.
+    best: Published<'a>,
+    /// How step 1 ended.
+    summary: Step1Summary,
+    /// Beats from which the organ's law is learned; `None` for the one-fibre ventricle.
+    law: Option<Vec<LawSamples>>,
+}
+
 /// Ends the derivation early with a wanted task or with the failure that holds the chain.
 type Derived<T> = Result<T, Next>;
 
@@ -153,7 +165,7 @@ impl<'a> Derivation<'a, '_> {
 
     fn personalise(&mut self) -> Derived<()> {
         let step0 = self.step0()?;
-        let (best, summary) = self.step1(&step0)?;
+        let Step1Ended { best, summary, law } = self.step1(&step0)?;
         let parameters = summary.parameters;
         self.chain.step1 = Some(summary);
         let (targets, calcium) = self.targets(&best)?;
@@ -167,13 +179,14 @@ impl<'a> Derivation<'a, '_> {
         let fit = self.step2(targets, calcium.clone())?;
         if self.plan.settings.verification.enabled {
             let contraction = cell_fit::contraction(self.plan, fit, calcium);
-            let beat = self.cell_beat(&step0, contraction, parameters.valves);
-            let verified = self.verification(&step0, &beat)?;
+            let cell = CellInOrgan {
+                beat: self.cell_beat(&step0, contraction, parameters.valves),
+                step1: Some(of_step1),
+                law,
+            };
+            let cell = self.fitted_in_the_organ(&step0, cell)?;
+            let verified = self.verification(&step0, &cell.beat)?;
             if self.plan.settings.workflow.until == LastStep::Step3 {
-                let cell = CellInOrgan {
-                    beat,
-                    step1: Some(of_step1),
-                };
                 let twin = self.step3(&step0, &cell, verified)?;
                 self.posterior(&step0, &cell, twin)?;
             }

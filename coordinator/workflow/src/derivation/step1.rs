@@ -5,15 +5,20 @@ use std::collections::BTreeMap;
 use cardiotwin_calibrate::fixed_point;
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
-use cardiotwin_schemas::organ::{ContractionSpec, Step1Parameters};
+use cardiotwin_schemas::organ::{ContractionSpec, OrganSpec, Step1Parameters};
+use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{PassiveStateResult, Step1ProposalResult, TaskResult};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
-use cardiotwin_schemas::settings::Update;
+use cardiotwin_schemas::settings::{Step1Settings, StopRule, Surrogate, Update};
 use cardiotwin_schemas::task::{Step1Run, TaskSpec};
 
-use super::{Derivation, Derived, Next, Published, Settled, broken, wrong_kind};
+use super::{Derivation, Derived, Next, Published, Settled, Step1Ended, broken, wrong_kind};
 use crate::chain::{ChainIteration, ChainProposal};
 use crate::patient::{Stage, Step};
+
+/// Number of whole beats after which step 1 ends where the organ's law is learned from them. The
+/// third beat moves pressures by less than the law's own error.
+const TEACHING_BEATS: usize = 2;
 
 impl<'a> Derivation<'a, '_> {
     fn step1_beat(&self, step0: &PassiveStateResult, parameters: &Step1Parameters) -> TaskSpec {
@@ -26,10 +31,7 @@ impl<'a> Derivation<'a, '_> {
         )
     }
 
-    pub(super) fn step1(
-        &mut self,
-        step0: &PassiveStateResult,
-    ) -> Derived<(Published<'a>, Step1Summary)> {
+    pub(super) fn step1(&mut self, step0: &PassiveStateResult) -> Derived<Step1Ended<'a>> {
         let settings = &self.plan.settings.step1_resolved();
         let measured = &step0.measured;
         let start = settings.start();
@@ -64,6 +66,9 @@ impl<'a> Derivation<'a, '_> {
             let number = runs.len() as u32 + 1;
             let decision = if settings.update == Update::SpaceMapping {
                 match fixed_point::ended(settings, measured, &history) {
+                    Ok(None) if self.has_taught(step0, settings, &history) => {
+                        fixed_point::nothing_new(settings, measured, &history)
+                    }
                     Ok(None) => match self
                         .proposal(step0, &start, &runs)?
                         .filter(|(next, _)| history.lacks(next))
@@ -97,10 +102,54 @@ impl<'a> Derivation<'a, '_> {
                     because,
                     best,
                 } => {
-                    return self.step1_ended(runs, quality, because, best, settings.tolerance);
+                    let law = self.law_of_step1(step0, &runs);
+                    let (best, summary) =
+                        self.step1_ended(runs, quality, because, best, settings.tolerance)?;
+                    return Ok(Step1Ended { best, summary, law });
                 }
             }
         }
+    }
+
+    /// Whether step 1 has taught enough for the fit of the cell in the organ's law, which meets the
+    /// measurements next: a beat within the tolerance, or the second whole beat.
+    fn has_taught(
+        &self,
+        step0: &PassiveStateResult,
+        settings: &Step1Settings,
+        history: &fixed_point::History,
+    ) -> bool {
+        // Iterations under earlier settings come first, failed ones among them.
+        let own = self.chain.iterations.iter().skip(history.resumed_at);
+        let mut whole = own.filter(|i| i.cost.is_some() && !i.no_whole_beat);
+        let is_within = whole
+            .clone()
+            .any(|i| i.cost.is_some_and(|c| c <= settings.tolerance));
+        settings.stop == StopRule::Auto
+            && self.learns_a_law(step0)
+            && (is_within || whole.nth(TEACHING_BEATS - 1).is_some())
+    }
+
+    /// Whether parameters are sought in the organ's law.
+    fn learns_a_law(&self, step0: &PassiveStateResult) -> bool {
+        self.plan.settings.workflow.surrogate == Surrogate::OrganLaw
+            && matches!(step0.organ, OrganSpec::FiniteElement(_))
+    }
+
+    /// Beats of step 1 from which the organ's law is learned; `None` for the one-fibre ventricle.
+    fn law_of_step1(
+        &self,
+        step0: &PassiveStateResult,
+        runs: &[Result<Published<'a>, Failure>],
+    ) -> Option<Vec<LawSamples>> {
+        if !self.learns_a_law(step0) {
+            return None;
+        }
+        let law = |run: &Result<Published<'a>, Failure>| match run.as_ref().ok()?.result {
+            TaskResult::OrganBeat(beat) => beat.law.clone(),
+            _ => None,
+        };
+        Some(runs.iter().filter_map(law).collect())
     }
 
     /// Next parameters by space mapping, with their predicted misfit; `None` if nothing is left to
@@ -133,7 +182,8 @@ impl<'a> Derivation<'a, '_> {
                         .map(|proposal| proposal.predicted_misfit),
                 });
         let told = told.collect();
-        let spec = self.plan.step1_proposal_spec(step0, start, told);
+        let law = self.law_of_step1(step0, runs);
+        let spec = self.plan.step1_proposal_spec(step0, start, told, law);
         let done = match self.result(step, TaskSpec::Step1Proposal(Box::new(spec))) {
             Ok(done) => done,
             Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {

@@ -113,6 +113,7 @@ impl<'a> Derivation<'a, '_> {
             parameters,
             biomarkers: Some(beat.biomarkers.organ_alone()),
             samples: Some(beat.samples.clone()),
+            law: beat.law.clone(),
             shut: beat.failed_valve().map(ToString::to_string),
             predicted_misfit: None,
             misfit: Some(organ_fit::misfit(

@@ -3,9 +3,11 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::failure::FailureClass;
+use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{PassiveStateResult, Step3ProposalResult, TaskResult};
 use cardiotwin_schemas::posterior::TwinBeat;
 use cardiotwin_schemas::record::{Step3Ending, Step3Summary};
+use cardiotwin_schemas::settings::LastStep;
 use cardiotwin_schemas::task::{CellInOrgan, TaskSpec};
 
 use super::{Derivation, Derived, Next, broken, wrong_kind};
@@ -80,6 +82,37 @@ impl<'a> Derivation<'a, '_> {
         Ok(taken)
     }
 
+    /// The cell at the start of step 3. With the organ's law it is the cell that meets the
+    /// measurements in the organ; without, it is the one of step 2's fit against a spring.
+    pub(super) fn fitted_in_the_organ(
+        &mut self,
+        step0: &PassiveStateResult,
+        cell: CellInOrgan,
+    ) -> Derived<CellInOrgan> {
+        // The paper's workflow ends with the cell of its own step 2.
+        if cell.law.is_none() || self.plan.settings.workflow.until != LastStep::Step3 {
+            return Ok(cell);
+        }
+        let spec = self.plan.step3_proposal_spec(step0, &cell, Vec::new(), &[]);
+        let step = Step::only(Stage::Step2Organ);
+        let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
+            Ok(done) => done,
+            // No cell has a beat in the law; the one of the spring may have one in the organ.
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
+                return Ok(cell);
+            }
+            Err(next) => return Err(next),
+        };
+        let TaskResult::Step3Proposal(result) = done.result else {
+            return Err(wrong_kind(step, done.result));
+        };
+        self.chain.organ_fit = Some(done.key);
+        Ok(CellInOrgan {
+            beat: cell.beat.with_parameters(&result.parameters),
+            ..cell
+        })
+    }
+
     /// Posterior of the twin. If it cannot be sampled, the twin stays as it is.
     pub(super) fn posterior(
         &mut self,
@@ -91,6 +124,7 @@ impl<'a> Derivation<'a, '_> {
             parameters,
             biomarkers: Some(biomarkers),
             samples: Some(samples),
+            law,
             ..
         } = twin
         else {
@@ -107,6 +141,7 @@ impl<'a> Derivation<'a, '_> {
                 biomarkers,
                 samples,
             },
+            law.as_slice(),
         );
         let step = Step::only(Stage::Posterior);
         match self.result(step, TaskSpec::Posterior(Box::new(spec))) {
@@ -130,7 +165,8 @@ impl<'a> Derivation<'a, '_> {
             number,
         };
         let runs = beats.iter().map(organ_fit::Beat::told).collect();
-        let spec = self.plan.step3_proposal_spec(step0, cell, runs);
+        let law: Vec<LawSamples> = beats.iter().filter_map(|beat| beat.law.clone()).collect();
+        let spec = self.plan.step3_proposal_spec(step0, cell, runs, &law);
         let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
             Ok(done) => done,
             Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {

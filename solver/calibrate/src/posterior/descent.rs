@@ -11,9 +11,9 @@ use super::{Evaluated, Target};
 
 /// Step of a difference, in standard deviations of the prior. It must exceed the roughness of a
 /// simulated beat.
-const DIFFERENCE: f64 = 0.02;
+pub(super) const DIFFERENCE: f64 = 0.02;
 /// Largest change of a coordinate in one step.
-const LONGEST: f64 = 1.0;
+pub(super) const LONGEST: f64 = 1.0;
 /// Promised gain of the next step below which a descent ends.
 const GAIN: f64 = 0.1;
 /// Number of tries over which [`GAIN_OF_TRIES`] counts.
@@ -22,12 +22,12 @@ const TRIES: usize = 8;
 /// points of a posterior lie n/2 above its mode.
 const GAIN_OF_TRIES: f64 = 0.3;
 /// Initial damping, relative to the diagonal of the Hessian.
-const DAMPING: f64 = 0.1;
+pub(super) const DAMPING: f64 = 0.1;
 /// Largest damping. A descent that would need more has nowhere to go.
-const MOST_DAMPING: f64 = 1e5;
+pub(super) const MOST_DAMPING: f64 = 1e5;
 /// Shares of the promised gain: below the first, derivatives are taken again; above the second, the
 /// next step is damped less.
-const KEPT: [f64; 2] = [0.25, 0.75];
+pub(super) const KEPT: [f64; 2] = [0.25, 0.75];
 
 /// Mode of a posterior, where its density is highest.
 #[derive(Debug, Clone)]
@@ -81,7 +81,7 @@ pub fn mode<Q>(target: &Target<'_, Q>, start: &[f64], max_steps: usize) -> Optio
         aim,
         evaluations: 1,
     };
-    let end = descent.from(start.to_vec(), found, None, max_steps)?;
+    let end = descent.from(start.to_vec(), found, max_steps)?;
     Some(Mode {
         u: end.u,
         residuals: end.found.residuals,
@@ -98,31 +98,10 @@ pub(super) struct Aim {
     pub(super) prior: Vec<f64>,
 }
 
-/// A descent that counts the evaluations of the model.
-pub(super) struct Descent<'a, Q> {
-    pub(super) target: &'a Target<'a, Q>,
-    pub(super) aim: Aim,
-    pub(super) evaluations: usize,
-}
-
-/// End of a descent.
-pub(super) struct End<Q> {
-    pub(super) u: Vec<f64>,
-    pub(super) found: Evaluated<Q>,
-    pub(super) jacobian: DMatrix<f64>,
-    /// Whether the last step gained little, rather than that the limit of steps was reached.
-    pub(super) converged: bool,
-}
-
-impl<Q> Descent<'_, Q> {
-    pub(super) fn at(&mut self, u: &[f64]) -> Option<Evaluated<Q>> {
-        self.evaluations += 1;
-        self.target.at(u)
-    }
-
+impl Aim {
     fn parts(&self, u: &[f64], residuals: &[f64]) -> (DVector<f64>, DVector<f64>) {
-        let sum = residuals.iter().zip(&self.aim.errors).map(|(r, e)| r + e);
-        let off = u.iter().zip(&self.aim.prior).map(|(u, p)| u - p);
+        let sum = residuals.iter().zip(&self.errors).map(|(r, e)| r + e);
+        let off = u.iter().zip(&self.prior).map(|(u, p)| u - p);
         (
             DVector::from_iterator(residuals.len(), sum),
             DVector::from_iterator(u.len(), off),
@@ -155,24 +134,40 @@ impl<Q> Descent<'_, Q> {
         let gain = -slope.dot(&step) - 0.5 * step.dot(&(&hessian * &step));
         Some((step, gain))
     }
+}
+
+/// A descent that counts the evaluations of the model.
+pub(super) struct Descent<'a, Q> {
+    pub(super) target: &'a Target<'a, Q>,
+    pub(super) aim: Aim,
+    pub(super) evaluations: usize,
+}
+
+/// End of a descent.
+pub(super) struct End<Q> {
+    pub(super) u: Vec<f64>,
+    pub(super) found: Evaluated<Q>,
+    pub(super) jacobian: DMatrix<f64>,
+}
+
+impl<Q> Descent<'_, Q> {
+    pub(super) fn at(&mut self, u: &[f64]) -> Option<Evaluated<Q>> {
+        self.evaluations += 1;
+        self.target.at(u)
+    }
 
     /// Descends from `u`, where the model returned `found`.
     ///
-    /// - `jacobian`: initial derivatives; computed by differences if `None`
     /// - `max_steps`: limit of tries, including those without gain
     pub(super) fn from(
         &mut self,
         mut u: Vec<f64>,
         mut found: Evaluated<Q>,
-        jacobian: Option<DMatrix<f64>>,
         max_steps: usize,
     ) -> Option<End<Q>> {
-        let mut height = self.height(&u, &found.residuals);
-        let mut fresh = jacobian.is_none();
-        let mut jacobian = match jacobian {
-            Some(jacobian) => jacobian,
-            None => self.differences(&u, &found.residuals),
-        };
+        let mut height = self.aim.height(&u, &found.residuals);
+        let mut fresh = true;
+        let mut jacobian = self.differences(&u, &found.residuals);
         let mut damping = DAMPING;
         let mut converged = false;
         let mut heights = vec![height];
@@ -182,7 +177,9 @@ impl<Q> Descent<'_, Q> {
                 converged = true;
                 break;
             }
-            let (step, promised) = self.step(&u, &found.residuals, &jacobian, damping, LONGEST)?;
+            let (step, promised) =
+                self.aim
+                    .step(&u, &found.residuals, &jacobian, damping, LONGEST)?;
             if promised < GAIN || damping > MOST_DAMPING {
                 if fresh {
                     converged = damping <= MOST_DAMPING;
@@ -195,7 +192,7 @@ impl<Q> Descent<'_, Q> {
             let next: Vec<f64> = u.iter().zip(&step).map(|(u, s)| u + s).collect();
             let there = self.at(&next);
             let gained = there.as_ref().map_or(f64::NEG_INFINITY, |there| {
-                height - self.height(&next, &there.residuals)
+                height - self.aim.height(&next, &there.residuals)
             });
             let kept = gained / promised;
             if let Some(there) = &there {
@@ -230,23 +227,19 @@ impl<Q> Descent<'_, Q> {
         }
         // An undamped last step makes up for the damping.
         if let Some((step, _)) = self
+            .aim
             .step(&u, &found.residuals, &jacobian, 0.0, f64::INFINITY)
             .filter(|_| converged)
         {
             let next: Vec<f64> = u.iter().zip(&step).map(|(u, s)| u + s).collect();
             if let Some(there) = self
                 .at(&next)
-                .filter(|there| self.height(&next, &there.residuals) < height)
+                .filter(|there| self.aim.height(&next, &there.residuals) < height)
             {
                 (u, found) = (next, there);
             }
         }
-        Some(End {
-            u,
-            found,
-            jacobian,
-            converged,
-        })
+        Some(End { u, found, jacobian })
     }
 
     /// Derivatives of the residuals by one-sided differences; the other side is used where the

@@ -6,19 +6,22 @@
 //! compromise between the data with random errors added and a draw from the prior. The draws follow
 //! the posterior exactly if the model is linear, and approximately if it is not. The share of true
 //! values that the intervals cover for simulated data shows the quality of the approximation
-//! (docs/step3.md). Draws are independent: there is no burn-in, and the caller can compute them in
-//! parallel.
+//! (docs/step3.md). Draws have independent random numbers and share derivatives: there is no burn-in,
+//! and the caller can compute each round in parallel.
 //!
 //! Each parameter is transformed so that its prior is standard normal ([`TruncatedNormal`]). Bounds
 //! then need no special treatment, and a direction without information in the data costs nothing.
 
 mod descent;
 mod draw;
+mod ensemble;
 mod errors;
+mod points;
 mod prior;
 
 pub use descent::{Mode, mode};
-pub use draw::{Draw, draw};
+pub use draw::Draw;
+pub use ensemble::{Ensemble, Next};
 pub use errors::TraceErrors;
 pub use prior::TruncatedNormal;
 

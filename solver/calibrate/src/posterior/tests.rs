@@ -18,9 +18,20 @@ fn wide(n: usize) -> Vec<TruncatedNormal> {
 
 fn drawn(target: &Target<'_, f64>, start: &[f64], n: u64) -> Vec<Draw<f64>> {
     let mode = mode(target, &target.standard(start), 30).expect("a mode");
-    (0..n)
-        .filter_map(|index| draw(target, &mode, 1, index, 30))
-        .collect()
+    drawn_around(target, &mode, 1, n)
+}
+
+fn drawn_around<Q>(target: &Target<'_, Q>, mode: &Mode, seed: u64, n: u64) -> Vec<Draw<Q>> {
+    let mut ensemble = Ensemble::new(target, mode, seed, n, 60);
+    while !ensemble.pending().is_empty() {
+        let results = ensemble
+            .pending()
+            .into_iter()
+            .map(|i| ensemble.next(i))
+            .collect();
+        ensemble.tell(results);
+    }
+    ensemble.draws()
 }
 
 fn of(draws: &[Draw<f64>], pick: impl Fn(&Draw<f64>) -> f64) -> Vec<f64> {
@@ -210,9 +221,7 @@ fn draws_are_of_both_valleys_that_serve_alike() {
         model: &model,
     };
     let mode = mode(&target, &[1.2, 0.0], 100).expect("a mode");
-    let draws: Vec<_> = (0..200)
-        .filter_map(|index| draw(&target, &mode, 3, index, 60))
-        .collect();
+    let draws = drawn_around(&target, &mode, 3, 200);
     let on_the_other = draws.iter().filter(|draw| draw.u[0] < 0.0).count();
     assert!(
         draws.len() == 200 && (70..130).contains(&on_the_other),

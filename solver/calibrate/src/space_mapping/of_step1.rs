@@ -24,11 +24,11 @@ const EFFORT: Effort = Effort::Gradients {
     },
 };
 
-const NEARNESS: Nearness = Nearness {
-    at_first: 0.05,
-    of_best: 0.005,
-    of_doubt: 0.0,
-};
+/// Weight of the distance from the start before the first run, if the cheap model may be wrong by a
+/// fifth. It keeps the first run where the model's error is known from other patients.
+const NEARNESS_AT_FIRST: f64 = 0.05;
+/// Weight of the distance from a point that is trusted. It only selects among equal misfits.
+const NEARNESS: f64 = 0.005;
 
 /// A simulation of step 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -56,6 +56,9 @@ pub struct Step1Problem<'a> {
     pub weights: &'a Weights,
     /// Expected correction factors, as in [`Problem::expected`].
     pub expected: [f64; Biomarker::OF_ORGAN.len()],
+    /// Whether the cheap model is as right before the first run as after it, so that the first run need
+    /// not stay near the initial guess.
+    pub is_trusted: bool,
     /// Seed of the starting points of searches.
     pub seed: u64,
 }
@@ -117,7 +120,15 @@ pub fn propose_step1(
         start: &logarithms(&problem.settings.clamp(problem.initial)),
         intervals: &intervals,
         prior: &[],
-        nearness: NEARNESS,
+        nearness: Nearness {
+            at_first: if problem.is_trusted {
+                NEARNESS
+            } else {
+                NEARNESS_AT_FIRST
+            },
+            of_best: NEARNESS,
+            of_doubt: 0.0,
+        },
         expected: problem.expected,
         reach: [f64::INFINITY; Biomarker::OF_ORGAN.len()],
         first_radius: FIRST_RADIUS,

@@ -68,6 +68,7 @@ fn run(
             settings,
             weights: &Weights::default(),
             expected: [1.0; 7],
+            is_trusted: false,
             seed: 1,
         };
         let Some((parameters, proposal)) = propose_step1(&problem, &cheap) else {
@@ -147,6 +148,7 @@ fn frozen_parameters_and_what_nothing_was_measured_of_stay() {
         settings: &settings,
         weights: &Weights::default(),
         expected: [1.0; 7],
+        is_trusted: false,
         seed: 1,
     };
     let parameters = propose_step1(&problem, &cheap).unwrap().0;
@@ -175,6 +177,7 @@ fn what_is_expected_of_the_expensive_model_counts_before_the_first_run() {
         settings: &settings,
         weights: &Weights::default(),
         expected,
+        is_trusted: false,
         seed: 1,
     };
     let parameters = propose_step1(&problem, &cheap).unwrap().0;

@@ -24,7 +24,10 @@ pub fn numbers(value: &Value) -> Vec<f64> {
 
 /// Beats that a reference implementation computed, from `tests/data/cell0d.json`.
 pub fn file() -> Value {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/cell0d.json");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../solver/cell-engine/tests/data/cell0d.json"
+    );
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 

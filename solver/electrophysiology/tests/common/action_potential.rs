@@ -12,7 +12,7 @@ const STIMULUS: Stimulus = Stimulus {
 /// Columns t \[ms\], V \[mV\], Ca \[mM\].
 pub fn reference(name: &str) -> Vec<[f64; 3]> {
     let file = format!(
-        "{}/tests/data/luo-rudy-1991-{name}.csv",
+        "{}/../../solver/electrophysiology/tests/data/luo-rudy-1991-{name}.csv",
         env!("CARGO_MANIFEST_DIR")
     );
     let text = std::fs::read_to_string(&file).unwrap();

@@ -121,7 +121,7 @@ fn damage_is_told_with_its_line() {
             ["catheter.txt:9", "`b`"],
         ),
         (
-            format!("{HEADER}0\t98.1\t1.2\n0\t1\t1\n"),
+            format!("{HEADER}0.0\t98.1\t1.2\n0.0\t1\t1\n"),
             ["catheter.txt:9", "0 ms after 0 ms"],
         ),
         (HEADER.to_owned(), ["no samples", "below the header"]),
@@ -145,4 +145,78 @@ fn damage_is_told_with_its_line() {
         let told = told.join("\n");
         assert!(parts.iter().all(|part| told.contains(part)), "{told}");
     }
+}
+
+#[test]
+fn an_empty_channel_shifts_nothing() {
+    // The last channel is empty at first, everywhere, and without times; a tab may end each row.
+    for (rows, n_time) in [
+        ("0\t98.1\t\n0.5\t98.3\t\n1\t98.5\t1.2\n", true),
+        ("0\t98.1\t\n0.5\t98.3\t\n1\t98.5\t\n", true),
+        ("98.1\t\n98.3\t\n98.5\t\n", false),
+        (
+            "0\t98.1\t1.2\t\t#* a comment\n0.5\t98.3\t1.2\n1\t98.5\t1.2\n",
+            true,
+        ),
+        ("0\t98.1\t1.2\t\n0.5\t98.3\t1.2\t\n1\t98.5\t1.2\t\n", true),
+    ] {
+        let reading = read(&format!("{HEADER}{rows}"), None);
+        let table = reading
+            .table
+            .unwrap_or_else(|| panic!("{:#?}", reading.problems));
+        assert_eq!(table.columns["time"], [0.0, 500.0, 1000.0], "{rows}");
+        assert_eq!(table.columns["lv_pressure"], [98.1, 98.3, 98.5], "{rows}");
+        let by_interval = table.said.join("\n").contains("from the interval");
+        assert_eq!(by_interval, !n_time, "{rows}");
+    }
+}
+
+#[test]
+fn times_of_day_pass_midnight_and_have_halves_and_dates() {
+    for times in [
+        ["23:59:59.5", "0:00:00.0", "0:00:00.5"],
+        ["11:59:59.5 PM", "12:00:00.0 AM", "12:00:00.5 AM"],
+        [
+            "2/3/2026\t23:59:59.5",
+            "3/3/2026\t0:00:00.0",
+            "3/3/2026\t0:00:00.5",
+        ],
+    ] {
+        let rows: String = times.iter().map(|t| format!("{t}\t98.1\t1.2\n")).collect();
+        let text = HEADER.replace("StartOfBlock", "TimeOfDay");
+        let reading = read(&format!("{text}{rows}"), None);
+        let table = reading
+            .table
+            .unwrap_or_else(|| panic!("{:#?}", reading.problems));
+        let time = &table.columns["time"];
+        assert!(
+            (time[1] - time[0] - 500.0).abs() < 1e-6 && (time[2] - time[1] - 500.0).abs() < 1e-6,
+            "{time:?}"
+        );
+    }
+}
+
+#[test]
+fn rounded_times_give_way_to_the_stated_interval() {
+    let text = HEADER.replace("0.5 s", "0.004 s");
+    let rows: String = (0..50)
+        .map(|i| format!("{:.2}\t98.1\t1.2\n", 0.004 * f64::from(i)))
+        .collect();
+    let table = read(&format!("{text}{rows}"), None).table.unwrap();
+    assert!((table.columns["time"][49] - 196.0).abs() < 1e-9);
+    assert!(table.said.join("\n").contains("rounded times"));
+    // A lost second is no rounding.
+    let lost = format!("{text}{rows}1.20\t98.1\t1.2\n1.20\t98.1\t1.2\n");
+    assert!(read(&lost, None).table.is_none());
+}
+
+#[test]
+fn a_unit_in_the_title_goes_before_that_of_the_amplifier() {
+    let text = HEADER
+        .replace("UnitName=\tmmHg\t*\n", "")
+        .replace("\tLVP\tECG", "\tLVP (mmHg)\tECG (mV)");
+    let table = read(&format!("{text}0\t98.1\t1.2\n0.5\t98.3\t1.2\n"), None)
+        .table
+        .unwrap();
+    assert_eq!(table.columns["lv_pressure"], [98.1, 98.3]);
 }

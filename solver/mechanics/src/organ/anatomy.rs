@@ -120,7 +120,7 @@ pub enum AnatomyError {
 /// The long axis of a ventricle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LongAxis {
-    /// The epicardial node farthest from the base \[mm\].
+    /// The node of the outer wall farthest from the base \[mm\].
     pub apex_mm: [f64; 3],
     /// Mean of the rim's nodes \[mm\].
     pub base_mm: [f64; 3],
@@ -128,20 +128,17 @@ pub struct LongAxis {
 
 impl LongAxis {
     fn of(mesh: &TetMesh) -> Self {
-        let at = |name: &str| {
-            let nodes = mesh.surface(name).map(Surface::nodes).unwrap_or_default();
-            nodes
-                .into_iter()
-                .map(|node| mesh.nodes_mm[node as usize])
-                .collect::<Vec<_>>()
+        let at = |nodes: Vec<u32>| -> Vec<[f64; 3]> {
+            let place = |node: u32| mesh.nodes_mm[node as usize];
+            nodes.into_iter().map(place).collect()
         };
-        let rim = at(surface_names::RIM);
+        let rim = at((mesh.surface(surface_names::RIM).map(Surface::nodes)).unwrap_or_default());
         let n = rim.len().max(1) as f64;
         let base_mm = rim.iter().fold([0.0; 3], |sum: [f64; 3], x| {
             std::array::from_fn(|i| sum[i] + x[i] / n)
         });
         let far = |x: &[f64; 3]| dot(sub(*x, base_mm), sub(*x, base_mm));
-        let apex_mm = at(surface_names::EPICARDIUM)
+        let apex_mm = at(mesh.outer_wall().nodes())
             .into_iter()
             .max_by(|a, b| far(a).total_cmp(&far(b)));
         Self {

@@ -10,6 +10,7 @@ mod measures;
 pub use measures::{Phases, Series};
 
 use cardiotwin_linalg::vec3::{Vec3, add, axpy, cross, distance, dot, norm, reject, sub, unit};
+use cardiotwin_mesh::surface::Surface;
 use cardiotwin_mesh::tet_mesh::{TetMesh, surface_names};
 
 /// Heights of the apical, middle and basal short-axis levels from the endocardial apex (0) to the middle of the rim (1). The
@@ -181,7 +182,8 @@ impl Shape {
 }
 
 impl Landmarks {
-    /// Finds the landmarks of a mesh with endocardium, epicardium and rim.
+    /// Finds the landmarks of a mesh with endocardium, epicardium and rim. The outer side is the epicardium with the septum: a
+    /// surface that is open on one side is an arc, whose mean radius and rotation about its own centre mean nothing.
     ///
     /// # Errors
     /// [`LandmarkError`] where a surface is missing or a level has no node.
@@ -189,7 +191,14 @@ impl Landmarks {
         let x = &mesh.nodes_mm;
         let names = [surface_names::ENDOCARDIUM, surface_names::EPICARDIUM];
         let areas = |name: &'static str| {
-            let areas = node_areas(mesh, name);
+            let outer;
+            let surface = if name == surface_names::EPICARDIUM {
+                outer = mesh.outer_wall();
+                Some(&outer)
+            } else {
+                mesh.surface(name)
+            };
+            let areas = surface.map(|s| node_areas(mesh, s)).unwrap_or_default();
             if areas.is_empty() {
                 Err(LandmarkError::NoSurface { name })
             } else {
@@ -271,14 +280,10 @@ impl Landmarks {
     }
 }
 
-/// Area of a surface assigned to each of its nodes, ascending by node; empty if the mesh lacks the surface.
-fn node_areas(mesh: &TetMesh, name: &str) -> Vec<(u32, f64)> {
+/// Area of a surface assigned to each of its nodes, ascending by node.
+fn node_areas(mesh: &TetMesh, surface: &Surface) -> Vec<(u32, f64)> {
     let mut areas = std::collections::BTreeMap::new();
-    for triangle in mesh
-        .surface(name)
-        .iter()
-        .flat_map(|surface| &surface.triangles)
-    {
+    for triangle in &surface.triangles {
         let [a, b, c] = triangle.map(|node| mesh.nodes_mm[node as usize]);
         let third = norm(cross(sub(b, a), sub(c, a))) / 6.0;
         triangle

@@ -201,6 +201,10 @@ pub enum Defect {
         worst: f64,
         places: Vec<Place>,
     },
+    /// All contracting elements have fibres of one direction, as a placeholder has.
+    OneDirection {
+        of: usize,
+    },
     Site {
         site: usize,
         distance_mm: f64,
@@ -259,6 +263,7 @@ impl Defect {
             Self::Wall { .. } => "wall-volume",
             Self::NoFibres => "no-fibres",
             Self::FibreLength { .. } => "fibre-length",
+            Self::OneDirection { .. } => "fibres-of-one-direction",
             Self::Site { .. } => "activation-site",
             Self::NoStart => "no-activation",
             Self::Times { .. } => "activation-times",
@@ -272,6 +277,7 @@ impl Defect {
             Self::Poor { .. }
             | Self::Unreferenced { .. }
             | Self::Touching { .. }
+            | Self::OneDirection { .. }
             | Self::Wall { .. } => Severity::Warning,
             _ => Severity::Error,
         }
@@ -447,6 +453,9 @@ impl Defect {
                     "{n} of {of} contracting elements without a unit fibre, the worst of length {worst}"
                 )
             }
+            Self::OneDirection { of } => {
+                format!("fibres of one direction in all {of} contracting elements")
+            }
             Self::Site {
                 site, distance_mm, ..
             } => {
@@ -517,6 +526,7 @@ impl Defect {
             }
             Self::NoFibres => "a fibre for each contracting element".to_owned(),
             Self::FibreLength { .. } => "a length of 1".to_owned(),
+            Self::OneDirection { .. } => "fibres that turn around the cavity".to_owned(),
             Self::Site { .. } => "a place in contracting tissue".to_owned(),
             Self::NoStart => "one of them".to_owned(),
             Self::Times { expected, .. } => expected.clone(),
@@ -602,6 +612,9 @@ impl Defect {
             }
             Self::FibreLength { .. } => {
                 "give each contracting element its fibre, or set anatomy.mesh.fibres = \"rule\"".to_owned()
+            }
+            Self::OneDirection { .. } => {
+                "these look like a placeholder: give the real fibres, or set anatomy.mesh.fibres = \"rule\"".to_owned()
             }
             Self::Site { place, .. } => {
                 let [x, y, z] = place.at_mm;

@@ -308,6 +308,12 @@ fn missing_and_wrong_fibres_are_told() {
         normal: [0.0, 0.0, 1.0],
     };
     mesh.frames = vec![frame; mesh.n_tets()];
+    let placeholder = only(&mesh, &expected);
+    assert_eq!(
+        (placeholder.name(), placeholder.severity()),
+        ("fibres-of-one-direction", Severity::Warning)
+    );
+    mesh.frames[0].fibre = [0.0, 0.0, 1.0];
     assert_eq!(told(&mesh, &expected), Vec::<Defect>::new());
     mesh.frames[4].fibre = [0.0; 3];
     mesh.frames[9].fibre = [f64::NAN; 3];

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// triangles.
 const RING_SPACING: f64 = 0.866_025_403_784_438_6;
 /// Ratio of a layer's thickness to the distance between nodes on a ring. Of the ratios tried, this
-/// one gave the best mean ratio of elements (`cargo run --release -p cardiotwin-mesh --example
+/// one gave the best mean ratio of elements (`cargo run --release --manifest-path dev/Cargo.toml --example
 /// mesh-figures`).
 const LAYER_SPACING: f64 = 0.8;
 /// Smallest number of layers, because bending needs two elements through the wall.

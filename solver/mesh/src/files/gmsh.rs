@@ -1,6 +1,10 @@
 //! gmsh `.msh` files in ASCII, versions 2.2 and 4.1. Physical groups of tetrahedra become tags, and
 //! named physical surfaces become surfaces.
 //!
+//! A negative number of a group means that group, turned. A surface may belong to several groups and
+//! then has all their names; tetrahedra in two groups are refused, because a tag is one number. A
+//! partitioned file has the groups of its parts.
+//!
 //! Nodes without a tetrahedron are left out, because gmsh also writes points of its geometry.
 //! Triangles are turned so that their normals point out of the tissue; triangles inside the tissue
 //! are rejected.
@@ -19,6 +23,9 @@ const LINE: u32 = 1;
 const TRIANGLE: u32 = 2;
 const TETRAHEDRON: u32 = 4;
 
+/// What is expected of tetrahedra in two physical groups.
+const ONE_GROUP: &str = "each volume in one physical group: its number is the tag of the tissue (cut the volume, or remove it from one of the groups)";
+
 /// Content of a file, with gmsh's own numbers.
 #[derive(Default)]
 struct Raw {
@@ -28,8 +35,8 @@ struct Raw {
     triangles: Vec<(i32, [u64; 3], usize)>,
     /// Names of the physical groups, by dimension and number.
     names: BTreeMap<(u32, i32), String>,
-    /// Physical group of each geometric entity (version 4), by dimension and number.
-    groups: BTreeMap<(u32, i64), i32>,
+    /// Physical groups of each geometric entity (version 4), by dimension and number.
+    groups: BTreeMap<(u32, i64), Vec<i32>>,
 }
 
 /// Reads a file with coordinates in `unit`.
@@ -72,6 +79,7 @@ pub fn parse(text: &str, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshF
         match section.text {
             "$PhysicalNames" => physical_names(&mut lines, &mut raw)?,
             "$Entities" if fourth => entities(&mut lines, &mut raw)?,
+            "$PartitionedEntities" if fourth => partitioned_entities(&mut lines, &mut raw)?,
             "$Nodes" if fourth => nodes_v4(&mut lines, &mut raw)?,
             "$Nodes" => nodes_v2(&mut lines, &mut raw)?,
             "$Elements" if fourth => elements_v4(&mut lines, &mut raw)?,
@@ -145,13 +153,66 @@ fn entities(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
             let word = |i: usize| words.get(i).ok_or_else(|| line.error(expected));
             let number: i64 = line.number(word(0)?, expected)?;
             let n_groups: usize = line.number(word(at)?, expected)?;
-            if n_groups > 0 {
-                let group: i32 = line.number(word(at + 1)?, expected)?;
-                raw.groups.insert((dimension as u32, number), group);
-            }
+            let groups = groups(&line, &words, at, n_groups, expected)?;
+            raw.groups.insert((dimension as u32, number), groups);
         }
     }
     close(lines, "$EndEntities")
+}
+
+/// The physical groups after their count, without the sign that turns an entity.
+fn groups(
+    line: &Line,
+    words: &[&str],
+    at: usize,
+    n: usize,
+    expected: &str,
+) -> Result<Vec<i32>, MeshFileError> {
+    let words = (at + 1)
+        .checked_add(n)
+        .and_then(|end| words.get(at + 1..end));
+    let words = words.ok_or_else(|| line.error(expected))?;
+    let mut groups = Vec::with_capacity(n);
+    for word in words {
+        let group: i32 = line.number(word, expected)?;
+        let group = group.checked_abs().ok_or_else(|| line.error(expected))?;
+        if !groups.contains(&group) {
+            groups.push(group);
+        }
+    }
+    Ok(groups)
+}
+
+/// Reads the entities of a partitioned mesh: each part of an entity has a number and groups of its own.
+fn partitioned_entities(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
+    let expected = "number, parent, partitions, bounds and physical groups of a part";
+    lines.expect("the number of partitions")?;
+    let ghosts = lines.expect("the number of ghost entities")?;
+    let n_ghosts = ghosts.count("the number of ghost entities")?;
+    for _ in 0..n_ghosts {
+        lines.expect("a ghost entity and its partition")?;
+    }
+    let counts: [i64; 4] = whole(
+        &lines.expect("four counts")?,
+        "numbers of points, curves, surfaces and volumes",
+    )?;
+    for (dimension, count) in counts.into_iter().enumerate() {
+        for _ in 0..count {
+            let line = lines.expect(expected)?;
+            let words = line.words();
+            let word = |i: usize| words.get(i).ok_or_else(|| line.error(expected));
+            let number: i64 = line.number(word(0)?, expected)?;
+            let n_partitions: usize = line.number(word(3)?, expected)?;
+            let bounds = if dimension == 0 { 3 } else { 6 };
+            let at = n_partitions
+                .checked_add(4 + bounds)
+                .ok_or_else(|| line.error(expected))?;
+            let n_groups: usize = line.number(word(at)?, expected)?;
+            let groups = groups(&line, &words, at, n_groups, expected)?;
+            raw.groups.insert((dimension as u32, number), groups);
+        }
+    }
+    close(lines, "$EndPartitionedEntities")
 }
 
 fn nodes_v2(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
@@ -212,16 +273,17 @@ fn elements_v2(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
         let line = lines.expect(expected)?;
         let words = line.words();
         let [_, kind, n_tags] = whole(&line, expected)?;
-        let group = if n_tags > 0 {
+        let group: i32 = if n_tags > 0 {
             line.number(words.get(3).unwrap_or(&""), expected)?
         } else {
             0
         };
+        let group = group.checked_abs().ok_or_else(|| line.error(expected))?;
         let nodes = usize::try_from(n_tags)
             .ok()
             .and_then(|n| words.get(3 + n..))
             .ok_or_else(|| line.error(expected))?;
-        raw.element(&line, kind as u32, group, nodes)?;
+        raw.element(&line, kind as u32, &[group], nodes)?;
     }
     close(lines, "$EndElements")
 }
@@ -235,14 +297,16 @@ fn elements_v4(lines: &mut Lines, raw: &mut Raw) -> Result<(), MeshFileError> {
         let header = lines.expect("a block of elements")?;
         let [dimension, entity, kind, count] =
             whole(&header, "dimension, entity, type and number of elements")?;
-        let group = raw
+        let groups = raw
             .groups
             .get(&(dimension as u32, entity))
-            .copied()
-            .unwrap_or(0);
+            .cloned()
+            .unwrap_or_default();
         for _ in 0..count {
             let line = lines.expect("number and nodes of an element")?;
-            raw.element(&line, kind as u32, group, &line.words()[1..])?;
+            let words = line.words();
+            let nodes = words.get(1..).unwrap_or_default();
+            raw.element(&line, kind as u32, &groups, nodes)?;
         }
     }
     close(lines, "$EndElements")
@@ -253,7 +317,7 @@ impl Raw {
         &mut self,
         line: &Line,
         kind: u32,
-        group: i32,
+        groups: &[i32],
         words: &[&str],
     ) -> Result<(), MeshFileError> {
         fn corners<const N: usize>(line: &Line, words: &[&str]) -> Result<[u64; N], MeshFileError> {
@@ -266,10 +330,25 @@ impl Raw {
             Ok(found)
         }
         match kind {
-            TETRAHEDRON => self.tets.push((group, corners(line, words)?, line.number)),
-            TRIANGLE => self
-                .triangles
-                .push((group, corners(line, words)?, line.number)),
+            TETRAHEDRON => {
+                if let [one, other, ..] = groups {
+                    let found = self.in_both(*one, *other);
+                    return Err(MeshFileError::line(
+                        line.file,
+                        line.number,
+                        found,
+                        ONE_GROUP,
+                    ));
+                }
+                let group = groups.first().copied().unwrap_or(0);
+                self.tets.push((group, corners(line, words)?, line.number));
+            }
+            TRIANGLE => {
+                let corners = corners(line, words)?;
+                for group in groups {
+                    self.triangles.push((*group, corners, line.number));
+                }
+            }
             POINT | LINE => {}
             11 | 9 | 8 => {
                 return Err(line.error(format!(
@@ -285,7 +364,33 @@ impl Raw {
         Ok(())
     }
 
+    /// Description of tetrahedra in two physical groups.
+    fn in_both(&self, one: i32, other: i32) -> String {
+        let name = |group: i32| match self.names.get(&(3, group)) {
+            Some(name) => format!("{name:?} ({group})"),
+            None => group.to_string(),
+        };
+        format!(
+            "a tetrahedron in the physical groups {} and {}",
+            name(one),
+            name(other)
+        )
+    }
+
     fn into_mesh(self, file: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
+        // Version 2 writes an element of two groups twice.
+        let mut seen: HashMap<[u64; 4], i32> = HashMap::with_capacity(self.tets.len());
+        for (group, corners, line) in &self.tets {
+            let mut key = *corners;
+            key.sort_unstable();
+            match seen.insert(key, *group) {
+                Some(other) if other != *group => {
+                    let found = self.in_both(other, *group);
+                    return Err(MeshFileError::line(file, *line, found, ONE_GROUP));
+                }
+                _ => {}
+            }
+        }
         let positions: HashMap<u64, Vec3> = self.nodes.iter().copied().collect();
         let mut used: Vec<u64> = self
             .tets

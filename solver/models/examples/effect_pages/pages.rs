@@ -46,9 +46,9 @@ fn kind(effect: &Effect) -> &'static str {
 fn index() -> String {
     let mut text = format!(
         "# Effects beyond the base model\n\n\
-         What the base model ([models.md](../models.md)) lacks, as components that can be added to it alone or together. Each page says what the \
-         effect is, its parameters, where it shows, what it is confused with, what would tell it apart, and how the finite-element ventricle takes it \
-         over. The pages are made from the catalogue's own declarations (`solver/models/src/effects/`) by `{COMMAND}`; \
+         What the base model ([models.md](../models.md)) lacks, as components that can be added to it alone or together.\n\
+         Each page has the effect's meaning, parameters, marks, rivals, deciding measurements, and its form in the finite-element ventricle.\n\
+         The pages are made from the catalogue's declarations (`solver/models/src/effects/`) by `{COMMAND}`; \
          a test checks that they are current.\n\n\
          | effect | kind | strength | unit | off | smallest | plausible | meaning |\n| --- | --- | --- | --- | --- | --- | --- | --- |\n"
     );
@@ -68,11 +68,12 @@ fn index() -> String {
         );
     }
     text.push_str(
-        "\nAn accepted effect stands in the patient's `model.toml` under its name, with its parameters; those that are absent take their typical \
-         value, the strength must be given. An artefact is refused there: what it asks for is a correction of the data.\n\n\
+        "\nAn accepted effect is in the patient's `model.toml` under its name, with its parameters.\n\
+         The strength must be given; other absent parameters take their typical value.\n\
+         An artefact is refused there: it asks for a correction of the data.\n\n\
          ```toml\n[[effects]]\nname = \"atrial_kick\"\n[effects.parameters]\namplitude_mmHg = 8.0\n```\n\n\
-         To add one more effect: a file in `solver/models/src/effects/` that declares an `EFFECT`, and a line in `CATALOGUE`. The catalogue's tests then \
-         check that it is off at its off-value, moves the traces where it says, is restored from a snapshot and keeps the volume balance.\n",
+         To add an effect: a file in `solver/models/src/effects/` that declares an `EFFECT`, and a line in `CATALOGUE`.\n\
+         The catalogue's tests then check that it is off at its off-value, moves the traces where it says, is restored from a snapshot and keeps the volume balance.\n",
     );
     text
 }
@@ -92,8 +93,7 @@ fn range(p: &Parameter) -> String {
 fn page(effect: &Effect) -> String {
     let mut text = format!(
         "# {0}\n\n{1}: {2}\n\n```\n{3}\n```\n\nSource: {4}.\n\n![{0} on and off]({0}.svg)\n\n\
-         The typical base model without the effect (dashed) and with it at its typical values (solid), everything else equal: measured pressure and \
-         volume of the periodic beat.\n\n\
+         Periodic beat of the typical base model without the effect (dashed) and with it (solid).\n\n\
          ## Parameters\n\n| name | unit | meaning | plausible | off | smallest to be named | typical | prior sd | in a fit |\n\
          | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
         effect.name,
@@ -157,7 +157,7 @@ fn page(effect: &Effect) -> String {
     };
     let _ = write!(
         text,
-        "\n## What it is confused with\n\n{}. It is shown or told apart by: {}.\n\n## In three dimensions\n\n{}\n",
+        "\n## What it is confused with\n\n{}.\nShown or separated by: {}.\n\n## In three dimensions\n\n{}\n",
         capital(&confused),
         effect.separated_by.join("; "),
         in_3d(effect)
@@ -179,7 +179,7 @@ fn in_3d(effect: &Effect) -> String {
         InThreeDimensions::ActivationMap { how } => format!("As an activation map: {how}."),
         InThreeDimensions::PassiveExponents { factor } => {
             format!(
-                "All exponents of Guccione's law times `{factor}`; its scale is fitted anew in step 0."
+                "All exponents of Guccione's law times `{factor}`; its scale is fitted again in step 0."
             )
         }
         InThreeDimensions::MaterialTerm { how } => format!("As a term of the material: {how}."),

@@ -6,8 +6,9 @@ use crate::circulation::left_heart::{AORTIC_VALVE, MITRAL_VALVE};
 use crate::circulation::{Circulation, LeftHeart};
 use crate::ventricle::{
     ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive,
-    OneFibreVentricle,
+    OneFibreVentricle, OrganLaw,
 };
+use std::sync::Arc;
 
 /// A base model: a one-fibre ventricle and a circulation, with exact measurement.
 #[derive(Debug)]
@@ -22,6 +23,8 @@ pub struct BaseModel {
     pub contraction: GroupContraction,
     /// Inertance of the blood in the mitral and in the aortic valve \[mmHg·s²/mL\].
     pub inertances: [f64; 2],
+    /// Learned correction of the wall; `None` for the one-fibre ventricle itself.
+    pub law: Option<Arc<OrganLaw>>,
 }
 
 /// A model that is ready to run, with the changes of its effects.
@@ -127,6 +130,7 @@ pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled,
         contraction: parts.contraction,
         cycle_length: surroundings.cycle_length(),
         pressure_terms: parts.pressure_terms,
+        law: base.law,
     };
     let ventricle = OneFibreVentricle::with_groups(parameters, &parts.groups)?;
     Ok(Assembled {

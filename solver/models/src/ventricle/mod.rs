@@ -2,7 +2,9 @@
 
 pub mod activation;
 pub mod group_contraction;
+mod law_wall;
 pub mod one_fibre;
+pub mod organ_law;
 pub mod passive_state;
 mod recent_inflow;
 
@@ -11,6 +13,7 @@ pub use group_contraction::{GroupContraction, NodeContraction};
 pub use one_fibre::{
     CavityPressureTerm, OneFibreParameters, OneFibreVentricle, steps_before_the_beat,
 };
+pub use organ_law::OrganLaw;
 pub use passive_state::{
     DiastasisPoint, OneFibrePassive, PassiveLaw, PassiveStateInput, PassiveStateMode,
 };

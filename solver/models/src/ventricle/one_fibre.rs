@@ -5,6 +5,8 @@
 //! stress is the weighted mean of the groups' active stress plus the passive law. The paper's
 //! Sa/(f·Cf) f⊗f is a Cauchy fibre stress of Sa.
 
+use super::law_wall::LawWall;
+use super::organ_law::OrganLaw;
 use super::passive_state::{
     OneFibrePassive, PassiveLaw as _, pressure_per_stress, stress_at_stretch, stretch,
     stretch_ratio,
@@ -16,7 +18,7 @@ use super::{
 };
 use crate::calcium::Calcium;
 use crate::circulation::Circulation;
-use crate::contraction::{ActiveStress, Contraction, UniformStep};
+use crate::contraction::{ActiveStress, Contraction, ContractionError, EachStep, UniformStep};
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 use std::sync::Arc;
 
@@ -41,6 +43,8 @@ pub struct OneFibreParameters {
     pub cycle_length: Ms,
     /// Additional terms of the cavity pressure.
     pub pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
+    /// Law of the organ; `None` for the one-fibre ventricle itself.
+    pub law: Option<Arc<OrganLaw>>,
 }
 
 /// Committed state of the ventricle.
@@ -57,10 +61,12 @@ struct State {
     ca_um: Vec<f64>,
 }
 
-/// A left ventricle of one fibre stress, advanced with its circulation.
+/// A left ventricle of groups of cells, advanced with its circulation: the one-fibre ventricle, whose
+/// groups share one stretch, or the ventricle of an organ's law.
 #[derive(Debug)]
 pub struct OneFibreVentricle {
     passive: OneFibrePassive,
+    wall: Option<LawWall>,
     /// Stretch from the unloaded volume over stretch from end-diastole.
     stretch_ratio: f64,
     /// Stretch in the cells over stretch from end-diastole.
@@ -97,6 +103,8 @@ struct Trial {
 
 /// Kind of ventricle in snapshots.
 const KIND: &str = "one-fibre 2";
+/// The same with a law of the organ.
+const KIND_WITH_LAW: &str = "organ-law 1";
 /// Residual of the volume balance at which a step is accepted by default \[mL\].
 const RESIDUAL_ML: f64 = 1e-8;
 /// Volume \[mL\] over which the slope of a step's residual changes by a tenth at most. A correction δ of Newton's method leaves
@@ -152,10 +160,11 @@ impl OneFibreVentricle {
     ) -> Result<Self, VentricleError> {
         let OneFibreParameters {
             passive,
-            activation: _,
+            activation,
             contraction,
             cycle_length,
             pressure_terms,
+            law,
         } = parameters;
         let (activation_ms, weights) = (groups.times_ms().to_vec(), groups.weights().to_vec());
         let latest = activation_ms
@@ -174,7 +183,21 @@ impl OneFibreVentricle {
         let volume_ml = passive.end_diastolic_volume_ml;
         let cells = contraction.start_state.repeat(n);
         let stretch_ratio = stretch_ratio(&passive);
-        let cell_stretch = contraction.stretch.at_end_diastole(stretch_ratio);
+        let end_diastolic = match &law {
+            Some(law) => law.end_diastolic_stretch(&passive),
+            None => stretch_ratio,
+        };
+        let cell_stretch = contraction.stretch.at_end_diastole(end_diastolic);
+        let wall = law.map(|law| {
+            LawWall::new(
+                law,
+                &passive,
+                &activation,
+                &activation_ms,
+                &weights,
+                cell_stretch,
+            )
+        });
         let mut ventricle = Self {
             model: contraction.model,
             calcium: contraction.calcium,
@@ -202,6 +225,7 @@ impl OneFibreVentricle {
             stretch_ratio,
             cell_stretch,
             passive,
+            wall,
             activation_ms,
         };
         ventricle.contract_until_the_beat()?;
@@ -209,7 +233,7 @@ impl OneFibreVentricle {
         ventricle.now.ca_um.copy_from_slice(&ventricle.trial.ca_um);
         // The stress at time zero comes from a step of vanishing length at constant stretch.
         let dt = 1e-6;
-        let (pressure, _) = ventricle.cavity_pressure(volume_ml, dt)?;
+        let pressure = ventricle.settled_pressure(volume_ml, dt)?;
         ventricle.now.pressure_mmhg = pressure;
         for (sa, stress) in ventricle.now.sa_kpa.iter_mut().zip(&ventricle.trial.stress) {
             *sa = stress.sa_kpa;
@@ -230,7 +254,7 @@ impl OneFibreVentricle {
                 self.now.ca_um.copy_from_slice(&self.trial.ca_um);
             }
             self.prepare_groups(end_ms);
-            self.cavity_pressure(self.now.volume_ml, dt_ms)?;
+            self.settled_pressure(self.now.volume_ml, dt_ms)?;
             std::mem::swap(&mut self.now.cells, &mut self.trial.cells);
             self.now.ca_um.copy_from_slice(&self.trial.ca_um);
         }
@@ -250,6 +274,14 @@ impl OneFibreVentricle {
         self.is_plain = true;
     }
 
+    /// Kind of ventricle in snapshots.
+    fn kind(&self) -> &'static str {
+        match self.wall {
+            Some(_) => KIND_WITH_LAW,
+            None => KIND,
+        }
+    }
+
     /// Passive law of the wall.
     #[must_use]
     pub fn passive(&self) -> &OneFibrePassive {
@@ -267,12 +299,19 @@ impl OneFibreVentricle {
         self.now.time_ms = 0.0;
         self.now.volume_ml = state[0];
         self.now.lambda = self.cell_stretch(state[0]);
+        if let Some(wall) = &mut self.wall {
+            wall.relax(&self.passive, state[0], self.now.lambda);
+        }
         self.now.cells.copy_from_slice(&state[1..]);
     }
 
-    /// Stretch of the cells at a cavity volume \[mL\].
+    /// Stretch of the cells of a relaxed wall at a cavity volume \[mL\].
     fn cell_stretch(&self, volume_ml: f64) -> f64 {
-        self.passive.active_stretch(Ml(volume_ml)).0 * self.cell_stretch
+        let from_end_diastole = match &self.wall {
+            Some(wall) => wall.relaxed_stretch(&self.passive, volume_ml),
+            None => self.passive.active_stretch(Ml(volume_ml)).0,
+        };
+        from_end_diastole * self.cell_stretch
     }
 
     /// Computes times since activation and calcium of all groups at the end of a step. In the first
@@ -293,6 +332,9 @@ impl OneFibreVentricle {
                 time
             };
         }
+        if let Some(wall) = &self.wall {
+            wall.slow_down(&mut self.trial.since_activation_ms);
+        }
         if let Some(calcium) = &self.calcium {
             for (ca, since) in self
                 .trial
@@ -306,9 +348,53 @@ impl OneFibreVentricle {
         }
     }
 
+    /// Cavity pressure \[mmHg\] at a volume that stays as it is.
+    fn settled_pressure(&mut self, volume_ml: f64, dt_ms: f64) -> Result<f64, VentricleError> {
+        if let Some(wall) = &mut self.wall {
+            wall.begin_at_rest();
+        }
+        let mut pressure = self.cavity_pressure(volume_ml, dt_ms)?.0;
+        for _ in 0..ITERATIONS {
+            if self.is_consistent() {
+                break;
+            }
+            pressure = self.cavity_pressure(volume_ml, dt_ms)?.0;
+        }
+        let has_states = !self.now.cells.is_empty();
+        if let Some(wall) = &mut self.wall {
+            wall.commit(volume_ml, has_states);
+        }
+        Ok(pressure)
+    }
+
+    /// Whether the cells' stretch in the last evaluation agrees with their stress.
+    fn is_consistent(&self) -> bool {
+        self.wall.as_ref().is_none_or(LawWall::is_consistent)
+    }
+
     /// Cavity pressure \[mmHg\] for a candidate volume at the end of a step, and its derivative
     /// with respect to the volume. Fills the cells of the trial.
     fn cavity_pressure(
+        &mut self,
+        volume_ml: f64,
+        dt_ms: f64,
+    ) -> Result<(f64, f64), VentricleError> {
+        let (mut pressure, mut slope) = if self.wall.is_some() {
+            self.pressure_by_law(volume_ml, dt_ms)?
+        } else {
+            self.pressure_of_one_fibre(volume_ml, dt_ms)?
+        };
+        let per_s = 1e3 / dt_ms;
+        for term in &self.pressure_terms {
+            let (p, dp_dv, dp_drate) =
+                term.pressure(volume_ml, (volume_ml - self.now.volume_ml) * per_s);
+            pressure += p;
+            slope += dp_dv + dp_drate * per_s;
+        }
+        Ok((pressure, slope))
+    }
+
+    fn pressure_of_one_fibre(
         &mut self,
         volume_ml: f64,
         dt_ms: f64,
@@ -324,34 +410,64 @@ impl OneFibreVentricle {
             ca_start_um: &self.now.ca_um,
             ca_end_um: &self.trial.ca_um,
         };
-        self.model
-            .try_step_uniform(
-                &step,
-                &self.now.cells,
-                &mut self.trial.cells,
-                &mut self.trial.stress,
-            )
-            .map_err(|source| VentricleError::Contraction {
-                t_ms: self.now.time_ms + dt_ms,
-                source,
-            })?;
-        self.trial.lambda = step.lambda;
+        let tried = self.model.try_step_uniform(
+            &step,
+            &self.now.cells,
+            &mut self.trial.cells,
+            &mut self.trial.stress,
+        );
+        tried.map_err(|source| self.failed(dt_ms, source))?;
+        self.trial.lambda = lambda * self.cell_stretch;
         let (sa, dsa) = weighted_mean(&self.weights, &self.trial.stress);
         let dsa = dsa * self.cell_stretch;
         let (lambda, dlambda_passive) = (lambda * self.stretch_ratio, dlambda * self.stretch_ratio);
         let (passive, dpassive) = stress_at_stretch(&self.passive, lambda, dlambda_passive);
         let (factor, dfactor) = pressure_per_stress(volume_ml, wall);
         let stress = sa + passive;
-        let mut pressure = MMHG_PER_KPA * stress * factor;
-        let mut slope = MMHG_PER_KPA * ((dsa * dlambda + dpassive) * factor + stress * dfactor);
-        let per_s = 1e3 / dt_ms;
-        for term in &self.pressure_terms {
-            let (p, dp_dv, dp_drate) =
-                term.pressure(volume_ml, (volume_ml - self.now.volume_ml) * per_s);
-            pressure += p;
-            slope += dp_dv + dp_drate * per_s;
-        }
+        let pressure = MMHG_PER_KPA * stress * factor;
+        let slope = MMHG_PER_KPA * ((dsa * dlambda + dpassive) * factor + stress * dfactor);
         Ok((pressure, slope))
+    }
+
+    /// As [`Self::cavity_pressure`], with the organ's law.
+    fn pressure_by_law(
+        &mut self,
+        volume_ml: f64,
+        dt_ms: f64,
+    ) -> Result<(f64, f64), VentricleError> {
+        let wall = self.wall.as_mut().expect("the ventricle has a law");
+        let (lambda_prev, lambda) = wall.aim(volume_ml);
+        let step = EachStep {
+            dt_ms,
+            lambda_prev,
+            lambda,
+            since_activation_ms: &self.trial.since_activation_ms,
+            ca_start_um: &self.now.ca_um,
+            ca_end_um: &self.trial.ca_um,
+        };
+        let tried = self.model.try_step_each(
+            &step,
+            &self.now.cells,
+            &mut self.trial.cells,
+            &mut self.trial.stress,
+        );
+        if let Err(source) = tried {
+            return Err(self.failed(dt_ms, source));
+        }
+        Ok(wall.solve(
+            &self.passive,
+            self.cell_stretch,
+            &self.weights,
+            &self.trial.stress,
+            volume_ml,
+        ))
+    }
+
+    fn failed(&self, dt_ms: f64, source: ContractionError) -> VentricleError {
+        VentricleError::Contraction {
+            t_ms: self.now.time_ms + dt_ms,
+            source,
+        }
     }
 
     /// Keeps the end of a step for [`Ventricle::commit`].
@@ -410,18 +526,24 @@ impl OneFibreVentricle {
             if !residual.is_finite() {
                 break;
             }
-            if residual.abs() <= self.accepted_residual_ml {
+            let is_consistent = self.is_consistent();
+            if is_consistent && residual.abs() <= self.accepted_residual_ml {
                 return Ok(self.found(volume, pressure, flow.inflow_ml_per_s, iterations));
             }
             let slope = 1.0 - dt_s * flow.slope_ml_per_s_per_mmhg * dpressure;
             let correction = -residual / slope;
-            if correction.abs() <= small {
+            if is_consistent && correction.abs() <= small {
                 let pressure = pressure + dpressure * correction;
                 let flow = circulation.try_step(Mmhg(pressure), Ms(dt_ms))?;
                 let delivered = start + dt_s * flow.inflow_ml_per_s;
                 if (delivered - (volume + correction)).abs() <= self.accepted_residual_ml {
                     return Ok(self.found(delivered, pressure, flow.inflow_ml_per_s, iterations));
                 }
+            }
+            if !is_consistent && iterations <= ITERATIONS / 3 {
+                // The residual is one of linearised cells, so that the bracket does not count it.
+                volume = (volume + correction).clamp(low, high);
+                continue;
             }
             if residual < 0.0 {
                 low = low.max(volume);
@@ -479,6 +601,13 @@ impl Ventricle for OneFibreVentricle {
         self.trial.time_ms = self.now.time_ms + dt.0;
         self.trial.dt_ms = dt.0;
         self.prepare_groups(self.trial.time_ms);
+        if let Some(wall) = &mut self.wall {
+            if dt.0 == self.now.inflow.step_ms() {
+                wall.begin_step();
+            } else {
+                wall.begin_at_rest();
+            }
+        }
         let tried = self.solve(circulation, dt.0)?;
         self.trial.pending = true;
         Ok(tried)
@@ -490,7 +619,11 @@ impl Ventricle for OneFibreVentricle {
         }
         self.trial.pending = false;
         // States of cells belong to the stretch of the last evaluation.
-        let lambda = if self.is_plain || self.now.cells.is_empty() {
+        let has_states = !self.now.cells.is_empty();
+        if let Some(wall) = &mut self.wall {
+            wall.commit(self.trial.volume_ml, has_states);
+        }
+        let lambda = if self.is_plain || !has_states {
             self.cell_stretch(self.trial.volume_ml)
         } else {
             self.trial.lambda
@@ -533,18 +666,22 @@ impl Ventricle for OneFibreVentricle {
     }
 
     fn stretch(&self, out: &mut [f64]) {
-        out.fill(self.now.lambda);
+        match &self.wall {
+            Some(wall) => out.copy_from_slice(wall.stretches()),
+            None => out.fill(self.now.lambda),
+        }
     }
 
     fn snapshot(&self) -> VentricleSnapshot {
         let now = &self.now;
         let mut values = vec![now.time_ms, now.volume_ml, now.pressure_mmhg, now.lambda];
         values.extend(now.inflow.to_values());
+        values.extend(self.wall.iter().flat_map(LawWall::values));
         for part in [&now.cells, &now.sa_kpa, &now.ca_um] {
             values.extend_from_slice(part);
         }
         VentricleSnapshot {
-            kind: KIND.to_owned(),
+            kind: self.kind().to_owned(),
             values,
         }
     }
@@ -552,17 +689,25 @@ impl Ventricle for OneFibreVentricle {
     fn restore(&mut self, snapshot: &VentricleSnapshot) -> Result<(), VentricleError> {
         let now = &self.now;
         let lengths = [now.cells.len(), now.sa_kpa.len(), now.ca_um.len()];
-        let expected_values = 4 + RecentInflow::VALUES + lengths.iter().sum::<usize>();
-        if snapshot.kind != KIND || snapshot.values.len() != expected_values {
+        let n_wall = match self.wall {
+            Some(_) => LawWall::n_values(now.sa_kpa.len()),
+            None => 0,
+        };
+        let expected_values = 4 + RecentInflow::VALUES + n_wall + lengths.iter().sum::<usize>();
+        if snapshot.kind != self.kind() || snapshot.values.len() != expected_values {
             return Err(VentricleError::ForeignSnapshot {
                 found: snapshot.kind.clone(),
                 found_values: snapshot.values.len(),
-                expected: KIND,
+                expected: self.kind(),
                 expected_values,
             });
         }
         let (scalars, rest) = snapshot.values.split_at(4);
         let (inflow, rest) = rest.split_at(RecentInflow::VALUES);
+        let (of_wall, rest) = rest.split_at(n_wall);
+        if let Some(wall) = &mut self.wall {
+            wall.restore(of_wall);
+        }
         let now = &mut self.now;
         now.time_ms = scalars[0];
         now.volume_ml = scalars[1];

@@ -84,6 +84,7 @@ fn ventricle(
         contraction,
         cycle_length: CYCLE,
         pressure_terms: terms,
+        law: None,
     })
     .unwrap()
 }
@@ -470,6 +471,7 @@ fn a_late_part_of_the_wall_slows_the_rise() {
         contraction: tanh(),
         cycle_length: CYCLE,
         pressure_terms: Vec::new(),
+        law: None,
     };
     let mut v = OneFibreVentricle::with_groups(parameters, &late).unwrap();
     let BeatOutcome::Finished(with) = run_beats(
@@ -530,6 +532,7 @@ fn refuses_nonsense() {
         contraction: tanh(),
         cycle_length: Ms(20.0),
         pressure_terms: Vec::new(),
+        law: None,
     };
     assert!(matches!(
         OneFibreVentricle::new(bad),

@@ -31,6 +31,11 @@ impl RecentInflow {
         self.n = (self.n + 1).min(KEPT);
     }
 
+    /// Length of the last steps \[ms\]; 0 before the first one.
+    pub(super) fn step_ms(&self) -> f64 {
+        self.dt_ms
+    }
+
     /// Inflow \[mL/s\] of the last step.
     pub(super) fn last(&self) -> f64 {
         self.inflow[0]

@@ -5,6 +5,7 @@
 //! Defects that a single file shows by itself (header, cells, order of times, gaps) are found by
 //! [`crate::read`].
 
+mod consistency;
 mod coverage;
 mod further;
 mod measured;
@@ -17,6 +18,7 @@ use crate::Problem;
 use cardiotwin_units::Ms;
 use measured::extremes;
 
+pub use consistency::{Facts, RULES, Rule, contradictions};
 pub use further::check_further;
 pub use measured::{Measured, MeasuredVolume, Source};
 

@@ -26,12 +26,16 @@ fn of(beat: &Prediction, base: &BTreeMap<String, f64>) -> [(&'static str, f64); 
         greatest(volume),
         volume.iter().copied().fold(f64::MAX, f64::min),
     );
-    let end_of_filling = volume.iter().position(|v| *v == largest).unwrap_or(0);
     let stroke = largest - least;
     let base = |name: &str| base.get(name).copied().unwrap_or(f64::NAN);
     [
         ("filling_pressure_mmHg", base("left_atrial_pressure_mmHg")),
-        ("end_diastolic_pressure_mmHg", pressure[end_of_filling]),
+        // As of the measured beat, where it begins. The volume is largest later, when the pressure has
+        // risen: the mitral valve closes in the middle of the rise.
+        (
+            "end_diastolic_pressure_mmHg",
+            pressure.first().copied().unwrap_or(f64::NAN),
+        ),
         ("end_diastolic_volume_mL", largest),
         ("ejection_fraction", stroke / largest),
         ("forward_stroke_volume_mL", beat.forward_stroke_volume_ml),
@@ -53,4 +57,27 @@ fn of(beat: &Prediction, base: &BTreeMap<String, f64>) -> [(&'static str, f64); 
             base("peripheral_resistance_mmHg_s_per_mL"),
         ),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_end_diastolic_pressure_is_that_of_the_beats_begin() {
+        // The volume grows until the middle of the pressure's rise, as with a slow mitral valve.
+        let at = |k: usize| k as f64;
+        let beat = Prediction {
+            step_ms: 1.0,
+            true_volume_ml: (0..400)
+                .map(|k| 120.0 - (at(k) - 40.0).abs() * 0.1)
+                .collect(),
+            true_pressure_mmhg: (0..400).map(|k| 8.9 + 0.7 * at(k.min(60))).collect(),
+            ..Prediction::default()
+        };
+        let found = of(&beat, &BTreeMap::new());
+        let value = |name: &str| found.iter().find(|(n, _)| *n == name).unwrap().1;
+        assert_eq!(value("end_diastolic_pressure_mmHg"), 8.9);
+        assert_eq!(value("end_diastolic_volume_mL"), 120.0);
+    }
 }

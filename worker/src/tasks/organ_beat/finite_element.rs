@@ -40,6 +40,7 @@ use crate::finite_element::rows::NodalRows;
 use crate::finite_element::series::{self, Series};
 use crate::finite_element::shapes::Shapes;
 use crate::finite_element::stored::About;
+use crate::finite_element::wall_means::WallMeans;
 use crate::finite_element::{FiniteElementError, StoredVentricle, wall};
 use crate::nodal;
 use crate::team::{Session, Team};
@@ -267,6 +268,8 @@ pub(super) fn run(
         )?;
     }
     let mut lambda_min = None;
+    let mut means = WallMeans::default();
+    let mut law = None;
     if let BeatOutcome::Finished(result) = &outcome {
         let of_nodes = [
             ventricle.activation_times_ms().to_vec(),
@@ -298,13 +301,18 @@ pub(super) fn run(
                     has_calcium(spec),
                     |k| {
                         let row = rows.row(k)?;
-                        let stretch = row[row.len() - n_nodes..].iter().copied();
+                        let nodal_stretch = &row[row.len() - n_nodes..];
+                        means.add(&row[..n_nodes], nodal_stretch, &of_nodes[1]);
+                        let stretch = nodal_stretch.iter().copied();
                         lambda_min =
                             Some(stretch.fold(lambda_min.unwrap_or(f64::INFINITY), f64::min));
                         Ok(row)
                     },
                 )
             })?;
+        let fields = |sample| rows.stress_and_stretch(sample);
+        let samples = means.samples(&result.traces, length, &of_nodes[1], fields);
+        law = Some(samples.map_err(not_kept)?);
     }
     // The rest involves only rank 0, so the other ranks need not wait for it.
     drop(ventricle);
@@ -336,6 +344,7 @@ pub(super) fn run(
         Seen {
             lambda_min,
             motion: motion.as_ref(),
+            law: law.as_ref(),
         },
         context,
     )

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_beats};
 use cardiotwin_models::effects::Assembled;
-use cardiotwin_schemas::organ::{self, ActivationSpec, OrganSpec};
+use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult};
 use cardiotwin_schemas::task::OrganBeatSpec;
 
@@ -25,7 +25,7 @@ use crate::error::TaskError;
 use crate::finite_element::stored::About;
 use crate::team::Team;
 
-pub use self::models::reduced;
+pub use self::models::{ReducedOrgan, reduced};
 pub(crate) use self::result::samples;
 pub use self::result::simulated_biomarkers;
 
@@ -52,34 +52,47 @@ pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskEr
         OrganSpec::Reduced {
             passive,
             activation,
-        } => {
-            let Assembled {
-                mut ventricle,
-                mut circulation,
-                ..
-            } = reduced(spec, passive, activation)?;
-            context.progress.report("simulating", 0.0, None, || {
-                format!("{} ms cycle", spec.cycle_length_ms)
-            });
-            let outcome = run_beats(&mut ventricle, &mut circulation, &settings(spec));
-            ending(spec, outcome, BTreeMap::new(), Seen::default(), context)
-        }
+        } => run_reduced(
+            spec,
+            &ReducedOrgan::one_fibre(*passive, *activation),
+            context,
+        ),
         OrganSpec::FiniteElement(organ) => finite_element::run(spec, organ, context),
         OrganSpec::External(organ) => external::run(spec, organ, context),
     }
 }
 
-/// A beat of the one-fibre ventricle without artefacts, for searches that need many beats; `None`
+/// Runs the simulation in a reduced ventricle in place of the specification's organ.
+///
+/// # Errors
+/// Same as for [`run`].
+pub fn run_reduced(
+    spec: &OrganBeatSpec,
+    organ: &ReducedOrgan,
+    context: &mut Context,
+) -> Result<Ending, TaskError> {
+    let Assembled {
+        mut ventricle,
+        mut circulation,
+        ..
+    } = reduced(spec, organ)?;
+    context.progress.report("simulating", 0.0, None, || {
+        format!("{} ms cycle", spec.cycle_length_ms)
+    });
+    let outcome = run_beats(&mut ventricle, &mut circulation, &settings(spec));
+    ending(spec, outcome, BTreeMap::new(), Seen::default(), context)
+}
+
+/// A beat of the reduced ventricle without artefacts, for searches that need many beats; `None`
 /// if it diverges.
 ///
 /// # Errors
 /// Same as for [`run`].
 pub fn reduced_beat(
     spec: &OrganBeatSpec,
-    passive: &organ::OneFibrePassive,
-    activation: &ActivationSpec,
+    organ: &ReducedOrgan,
 ) -> Result<Option<OrganBeatResult>, TaskError> {
-    let outcome = outcome_of(spec, passive, activation, false)?;
+    let outcome = outcome_of(spec, organ, false)?;
     match outcome {
         BeatOutcome::Finished(result) => {
             organ_beat_result(spec, &result, Seen::default()).map(Some)
@@ -88,16 +101,15 @@ pub fn reduced_beat(
     }
 }
 
-/// A beat of the one-fibre ventricle with its traces and those of its groups, without artefacts.
+/// A beat of the reduced ventricle with its traces and those of its groups, without artefacts.
 ///
 /// # Errors
 /// Same as for [`run`]; [`TaskError::Diverged`] if the beat diverges.
 pub fn reduced_beat_with_traces(
     spec: &OrganBeatSpec,
-    passive: &organ::OneFibrePassive,
-    activation: &ActivationSpec,
+    organ: &ReducedOrgan,
 ) -> Result<(OrganBeatResult, BeatTraces), TaskError> {
-    match outcome_of(spec, passive, activation, true)? {
+    match outcome_of(spec, organ, true)? {
         BeatOutcome::Finished(result) => {
             let read = organ_beat_result(spec, &result, Seen::default())?;
             Ok((read, result.traces))
@@ -111,15 +123,14 @@ pub fn reduced_beat_with_traces(
 
 fn outcome_of(
     spec: &OrganBeatSpec,
-    passive: &organ::OneFibrePassive,
-    activation: &ActivationSpec,
+    organ: &ReducedOrgan,
     record_nodes: bool,
 ) -> Result<BeatOutcome, TaskError> {
     let Assembled {
         mut ventricle,
         mut circulation,
         ..
-    } = reduced(spec, passive, activation)?;
+    } = reduced(spec, organ)?;
     let settings = BeatSettings {
         record_nodes,
         ..settings(spec)

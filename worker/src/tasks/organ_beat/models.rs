@@ -9,7 +9,7 @@ use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSol
 use cardiotwin_models::circulation::{LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
-use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction};
+use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OrganLaw};
 use cardiotwin_schemas::organ::{
     ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OneFibrePassive,
     StretchOrigin,
@@ -21,21 +21,41 @@ use crate::calcium;
 use crate::cell_parameters::NamedCell;
 use crate::error::TaskError;
 
-/// One-fibre ventricle and circulation of a specification with its effects, at the beginning of the
+/// The reduced ventricle of an organ: the one-fibre ventricle, or the one with the organ's law.
+#[derive(Debug, Clone)]
+pub struct ReducedOrgan {
+    /// Passive law and reference volumes.
+    pub passive: OneFibrePassive,
+    /// Activation of the groups.
+    pub activation: ActivationSpec,
+    /// The organ's law; `None` for the one-fibre ventricle.
+    pub law: Option<Arc<OrganLaw>>,
+}
+
+impl ReducedOrgan {
+    /// The one-fibre ventricle.
+    #[must_use]
+    pub fn one_fibre(passive: OneFibrePassive, activation: ActivationSpec) -> Self {
+        Self {
+            passive,
+            activation,
+            law: None,
+        }
+    }
+}
+
+/// Reduced ventricle and circulation of a specification with its effects, at the beginning of the
 /// beat.
 ///
 /// # Errors
 /// [`TaskError`] when parameters are outside the range of the models, or an effect is unknown or an
 /// artefact of the measurement.
-pub fn reduced(
-    spec: &OrganBeatSpec,
-    passive: &OneFibrePassive,
-    activation: &ActivationSpec,
-) -> Result<Assembled, TaskError> {
+pub fn reduced(spec: &OrganBeatSpec, organ: &ReducedOrgan) -> Result<Assembled, TaskError> {
+    let activation = &organ.activation;
     let effects = effects(&spec.circulation.effects)?;
     let base = BaseModel {
         heart: heart(spec),
-        passive: *passive,
+        passive: organ.passive,
         activation: ActivationSpread {
             onset: Ms(activation.onset_ms),
             spread: Ms(activation.spread_ms),
@@ -43,12 +63,13 @@ pub fn reduced(
         },
         contraction: contraction(spec)?,
         inertances: [0.0; 2],
+        law: organ.law.clone(),
     };
-    let mut organ = assemble(base, &effects)?;
-    organ
+    let mut assembled = assemble(base, &effects)?;
+    assembled
         .ventricle
         .limit_iterations(spec.newton_iterations as usize);
-    Ok(organ)
+    Ok(assembled)
 }
 
 pub(super) fn settings(spec: &OrganBeatSpec) -> BeatSettings {

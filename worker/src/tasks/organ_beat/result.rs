@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use cardiotwin_models::beat::{BeatCheck, BeatOutcome, BeatResult, BeatTraces};
 use cardiotwin_schemas::biomarkers::Biomarkers;
+use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
 use cardiotwin_schemas::task::OrganBeatSpec;
@@ -28,6 +29,8 @@ pub(super) struct Seen<'a> {
     pub(super) lambda_min: Option<f64>,
     /// Motion of the last beat of a finite-element ventricle.
     pub(super) motion: Option<&'a Motion>,
+    /// Samples from which the organ's law is learned.
+    pub(super) law: Option<&'a LawSamples>,
 }
 
 /// Writes the artefacts of a simulation and makes its result. `counters` are added to those of its
@@ -119,6 +122,7 @@ pub(super) fn organ_beat_result(
         motion: seen
             .motion
             .and_then(|motion| motion.measures(&read.time_points, traces)),
+        law: seen.law.cloned(),
         lambda_min: seen
             .lambda_min
             .unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),

@@ -611,6 +611,7 @@ pub(super) fn make(
         exponent_factor,
         onset_ms,
         spread_ms,
+        epicardial_duration_share: adapted.wall.epicardial_duration_share,
     };
     let stored = StoredVentricle {
         about: About {

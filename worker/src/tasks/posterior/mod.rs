@@ -9,7 +9,7 @@
 mod likelihood;
 mod summary;
 
-use cardiotwin_calibrate::posterior::{Draw, Evaluated, Target, TruncatedNormal, draw, mode};
+use cardiotwin_calibrate::posterior::{Ensemble, Evaluated, Target, TruncatedNormal, mode};
 use cardiotwin_schemas::outcome::{OrganBeatResult, TaskResult};
 use cardiotwin_schemas::posterior::PosteriorSpec;
 use cardiotwin_schemas::task::OrganBeatSpec;
@@ -18,8 +18,8 @@ use rayon::prelude::*;
 
 use self::likelihood::Likelihood;
 use self::summary::{Sampled, Seen};
-use super::proposal::axes::{Axis, axes, is_sensitive, named, point};
-use super::proposal::one_fibre;
+use super::proposal::axes::{Axis, axes, named, point, tolerated};
+use super::proposal::surrogate;
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
@@ -30,8 +30,6 @@ const TIME_STEP_MS: f64 = 2.0;
 const MODE_STEPS: usize = 100;
 /// Largest number of steps in the search for a draw.
 const DRAW_STEPS: usize = 60;
-/// Number of draws between two checks of the stop flag.
-const SLICE: usize = 8;
 /// Smallest number of draws that makes a distribution.
 const FEWEST: usize = 20;
 
@@ -44,18 +42,17 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
     context.check_stop()?;
     let axes = axes(&spec.parameters);
     let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
-    let (passive, activation) = one_fibre(&spec.beat.organ)?;
+    let organ = surrogate(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?;
     let beat = OrganBeatSpec {
         time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
         ..spec.beat.clone()
     };
     // Reports errors that are common to all draws: an invalid effect, a parameter
     // outside the range of the models.
-    reduced(&beat, &passive, &activation)?;
+    reduced(&beat, &organ)?;
     let simulate = |x: &[f64]| -> Option<OrganBeatResult> {
-        let trial = beat.with_parameters(&named(&axes, x));
-        let simulated = is_sensitive(&trial).then(|| reduced_beat(&trial, &passive, &activation));
-        simulated?
+        let trial = beat.with_parameters(&named(&axes, &tolerated(&beat, &axes, x)?));
+        reduced_beat(&trial, &organ)
             .ok()
             .flatten()
             .filter(|beat| beat.failed_check().is_none())
@@ -91,26 +88,31 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
     let (stop, closed) = (context.stop.clone(), context.closed.clone());
     let stopped = || stop.is_raised() || closed.as_ref().is_some_and(|closed| closed.exists());
     let n = u64::from(spec.settings.draws);
-    let mut draws: Vec<Draw<Seen>> = Vec::new();
-    for first in (0..n).step_by(SLICE) {
+    let mut ensemble = Ensemble::new(&target, &mode, spec.seed, n, DRAW_STEPS);
+    loop {
         context.check_stop()?;
-        let done = draws.len();
+        let pending = ensemble.pending();
+        if pending.is_empty() {
+            break;
+        }
+        let done = n - pending.len() as u64;
         context
             .progress
-            .report("posterior", first as f64, Some(n as f64), || {
+            .report("posterior", done as f64, Some(n as f64), || {
                 format!("{done} of {n} draws")
             });
-        let indices = first..n.min(first + SLICE as u64);
-        draws.extend(pool.install(|| -> Vec<Draw<Seen>> {
-            let one = |index| {
-                if stopped() {
-                    None
-                } else {
-                    draw(&target, &mode, spec.seed, index, DRAW_STEPS)
-                }
-            };
-            indices.into_par_iter().filter_map(one).collect()
-        }));
+        let results = pool.install(|| {
+            let one = |index| (!stopped()).then(|| ensemble.next(index));
+            pending.into_par_iter().filter_map(one).collect()
+        });
+        ensemble.tell(results);
+    }
+    let mut draws = ensemble.draws();
+    for draw in &mut draws {
+        let x = target.parameters(&draw.u);
+        if let Some(x) = tolerated(&beat, &axes, &x) {
+            draw.u = target.standard(&x);
+        }
     }
     context.check_stop()?;
     if draws.len() < FEWEST {

@@ -14,8 +14,8 @@ use crate::tasks::sweep::organ::tests::beat;
 /// A heart with its own cell, two of whose parameters are uncertain.
 fn spec(names: &[&str]) -> PosteriorSpec {
     let beat = beat().with_parameters(&BTreeMap::from([("Smax_ref_kPa".to_owned(), 200.0)]));
-    let (passive, activation) = one_fibre(&beat.organ).expect("a one-fibre ventricle");
-    let simulated = reduced_beat(&beat, &passive, &activation)
+    let organ = surrogate(&beat, None, None).expect("a one-fibre ventricle");
+    let simulated = reduced_beat(&beat, &organ)
         .expect("parameters")
         .expect("a beat");
     let step3 = Step3Settings {
@@ -42,6 +42,8 @@ fn spec(names: &[&str]) -> PosteriorSpec {
             draws: 60,
             ..PosteriorSettings::default()
         },
+        law: None,
+        prior: None,
         seed: 1,
         beat,
     }

@@ -84,12 +84,75 @@ pub fn point(axes: &[Axis], values: &BTreeMap<String, f64>) -> Vec<f64> {
 /// cell, the organ's weakest nodes may stretch further than in any earlier beat.
 #[must_use]
 pub fn is_sensitive(beat: &OrganBeatSpec) -> bool {
-    let value = |name: &str| {
-        let given = beat
-            .contraction
-            .cell_parameters()
-            .and_then(|cell| cell.get(name).copied());
-        given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)
-    };
-    value("Ca50_ref_uM") + value("beta_1_uM") * (LAMBDA_CAP - 1.0) > value("Ca_res_uM")
+    cell_value(beat, "beta_1_uM") > least_length_dependence(beat)
+}
+
+/// The point, with β₁ moved to the weakest length dependence that [`is_sensitive`] accepts where it
+/// would be too strong; `None` if the bounds of β₁ exclude that. A search then slides along this
+/// limit instead of ending there.
+#[must_use]
+pub fn tolerated(beat: &OrganBeatSpec, axes: &[Axis], x: &[f64]) -> Option<Vec<f64>> {
+    let trial = beat.with_parameters(&named(axes, x));
+    if is_sensitive(&trial) {
+        return Some(x.to_vec());
+    }
+    let j = axes.iter().position(|axis| axis.name == "beta_1_uM")?;
+    // A little inside, so that rounding does not decide.
+    let limit = 0.999 * least_length_dependence(&trial);
+    let mut moved = x.to_vec();
+    moved[j] = limit.abs().ln();
+    let is_within = limit < 0.0 && axes[j].interval.clamp(moved[j]) == moved[j];
+    is_within.then_some(moved)
+}
+
+/// β₁ \[µM\] at which Ca50 reaches the resting calcium at the largest stretch.
+fn least_length_dependence(beat: &OrganBeatSpec) -> f64 {
+    (cell_value(beat, "Ca_res_uM") - cell_value(beat, "Ca50_ref_uM")) / (LAMBDA_CAP - 1.0)
+}
+
+/// Value of a cell's parameter, which is the default where the beat has none of its own.
+fn cell_value(beat: &OrganBeatSpec, name: &str) -> f64 {
+    let given = beat
+        .contraction
+        .cell_parameters()
+        .and_then(|cell| cell.get(name).copied());
+    given.or_else(|| cell_default(name)).unwrap_or(f64::NAN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tasks::sweep::organ::tests::beat;
+    use cardiotwin_schemas::organ::ValveParameters;
+    use cardiotwin_schemas::step3::Step3Settings;
+
+    #[test]
+    fn an_insensitive_cell_gets_the_strongest_length_dependence_that_is_tolerated() {
+        let names = ["Ca50_ref_uM", "beta_1_uM"];
+        let settings = Step3Settings {
+            parameters: names.map(str::to_owned).to_vec(),
+            ..Step3Settings::default()
+        };
+        let mut moved = settings.moved(&ValveParameters::default());
+        for parameter in moved.values_mut() {
+            (parameter.lower, parameter.upper) = if parameter.upper < 0.0 {
+                (-4.0, -0.5)
+            } else {
+                (0.3, 1.2)
+            };
+        }
+        let (beat, axes) = (beat(), axes(&moved));
+        let x = |ca50: f64, beta: f64| vec![ca50.ln(), f64::ln(-beta)];
+        assert_eq!(tolerated(&beat, &axes, &x(0.8, -2.0)), Some(x(0.8, -2.0)));
+        let rest = cell_value(&beat, "Ca_res_uM");
+        let found = tolerated(&beat, &axes, &x(0.4, -3.9)).expect("a length dependence");
+        let limit = (rest - 0.4) / (LAMBDA_CAP - 1.0);
+        assert!((axes[1].value(found[1]) / limit - 0.999).abs() < 1e-9);
+        assert!(is_sensitive(&beat.with_parameters(&named(&axes, &found))));
+        assert_eq!(
+            tolerated(&beat, &axes, &x(rest + 0.02, -2.0)),
+            None,
+            "the bounds exclude it"
+        );
+    }
 }

@@ -9,7 +9,7 @@ use cardiotwin_schemas::outcome::{Step1ProposalResult, TaskResult};
 use cardiotwin_schemas::settings::Step1Settings;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1ProposalSpec};
 
-use super::{factors, one_fibre, outcome, told};
+use super::{factors, law_beats, outcome, surrogate, told};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
@@ -34,12 +34,12 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         tanh,
         valves: spec.beat.valves,
     };
-    let (passive, activation) = one_fibre(&spec.beat.organ)?;
+    let organ = surrogate(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?;
     // Reports errors that are common to all beats: an invalid effect, a parameter
     // outside the range of the models.
-    reduced(&spec.beat, &passive, &activation)?;
+    reduced(&spec.beat, &organ)?;
     let cheap = |p: &Step1Parameters| {
-        let beat = reduced_beat(&with(&spec.beat, p), &passive, &activation);
+        let beat = reduced_beat(&with(&spec.beat, p), &organ);
         outcome(beat.ok().flatten().as_ref())
     };
     let runs: Vec<Step1Run> = (spec.runs.iter())
@@ -62,6 +62,7 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
             settings: &settings,
             weights: &Weights::of(&spec.weights)?,
             expected: EXPECTED,
+            is_trusted: organ.law.is_some(),
             seed: spec.seed,
         },
         &cheap,
@@ -78,6 +79,7 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         trust_radius: proposal.radius,
         step: proposal.step,
         correction: factors(&proposal),
+        law_beats: law_beats(&organ, spec.law.as_deref()),
         reduced_beats: proposal.cheap_beats as u64,
     }))
 }

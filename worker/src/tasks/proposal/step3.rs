@@ -6,18 +6,16 @@ use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_calibrate::least_squares;
 use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, Trial, propose};
 use cardiotwin_schemas::biomarkers::Biomarker;
-use cardiotwin_schemas::organ::{
-    ActivationSpec, ContractionSpec, OneFibrePassive, Step1Parameters,
-};
+use cardiotwin_schemas::organ::{ContractionSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
 
 use super::axes::{axes, is_sensitive, named, point};
-use super::{factors, one_fibre, outcome, told};
+use super::{factors, law_beats, outcome, surrogate, told};
 use crate::context::Context;
 use crate::error::TaskError;
-use crate::tasks::organ_beat::{reduced, reduced_beat};
+use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
 
 /// The organ's factors are known at the beats so far only. Among cells with similar costs, the nearest
 /// one to the best beat is therefore the safest. The share of the doubt was chosen on ten development
@@ -66,14 +64,14 @@ const NEARBY: Effort = Effort::Evolution {
 /// left to try.
 pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult, TaskError> {
     context.check_stop()?;
-    let (passive, activation) = one_fibre(&spec.beat.organ)?;
+    let organ = surrogate(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?;
     let beat = OrganBeatSpec {
         time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
         ..spec.beat.clone()
     };
     // Reports errors that are common to all beats: an invalid effect, a parameter
     // outside the range of the models.
-    reduced(&beat, &passive, &activation)?;
+    reduced(&beat, &organ)?;
     let axes = axes(&spec.parameters);
     let named = |x: &[f64]| named(&axes, x);
     let also = |samples: Option<&BeatSamples>| {
@@ -85,7 +83,7 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         let trial = beat.with_parameters(&named(x));
         let sensitive = is_sensitive(&trial);
         let simulated = if sensitive {
-            reduced_beat(&trial, &passive, &activation).ok().flatten()
+            reduced_beat(&trial, &organ).ok().flatten()
         } else {
             None
         };
@@ -105,8 +103,9 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let intervals: Vec<Interval> = axes.iter().map(|axis| axis.interval).collect();
     let prior: Vec<Prior> = axes.iter().map(|axis| axis.prior).collect();
     let start: Vec<f64> = prior.iter().map(|prior| prior.centre).collect();
-    let expected = match &spec.step1 {
-        Some(of_step1) => expected(of_step1, &beat, &passive, &activation),
+    // The law is learned from step 1's beats, so that their factors would count twice.
+    let expected = match spec.step1.as_ref().filter(|_| organ.law.is_none()) {
+        Some(of_step1) => expected(of_step1, &beat, &organ),
         None => [1.0; Biomarker::OF_ORGAN.len()],
     };
     let problem = Problem {
@@ -118,8 +117,9 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         prior: &prior,
         nearness: NEARNESS,
         expected,
+        // A law learned from the organ is trusted everywhere, so that only its beats correct it.
         reach: Biomarker::OF_ORGAN.map(|b| {
-            if is_of_relaxation(b) {
+            if is_of_relaxation(b) || organ.law.is_some() {
                 f64::INFINITY
             } else {
                 REACH
@@ -141,6 +141,7 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         trust_radius: proposal.radius,
         step: proposal.step,
         correction: factors(&proposal),
+        law_beats: law_beats(&organ, spec.law.as_deref()),
         reduced_beats: proposal.cheap_beats as u64,
     }))
 }
@@ -156,8 +157,7 @@ fn is_of_relaxation(biomarker: Biomarker) -> bool {
 fn expected(
     of_step1: &Step1Beat,
     beat: &OrganBeatSpec,
-    passive: &OneFibrePassive,
-    activation: &ActivationSpec,
+    organ: &ReducedOrgan,
 ) -> [f64; Biomarker::OF_ORGAN.len()] {
     let Step1Parameters { tanh, valves } = of_step1.parameters;
     let beat = OrganBeatSpec {
@@ -165,11 +165,13 @@ fn expected(
         valves,
         ..beat.clone()
     };
-    let simulated = reduced_beat(&beat, passive, activation).ok().flatten();
+    let simulated = reduced_beat(&beat, organ).ok().flatten();
     let one_fibre = simulated.map(|beat| beat.biomarkers).unwrap_or_default();
-    let organ = &of_step1.biomarkers;
-    Biomarker::OF_ORGAN.map(|biomarker| match organ.ratio_to(&one_fibre, biomarker) {
-        Some(ratio) if !is_of_relaxation(biomarker) => ratio,
-        _ => 1.0,
-    })
+    let simulated = &of_step1.biomarkers;
+    Biomarker::OF_ORGAN.map(
+        |biomarker| match simulated.ratio_to(&one_fibre, biomarker) {
+            Some(ratio) if !is_of_relaxation(biomarker) => ratio,
+            _ => 1.0,
+        },
+    )
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use cardiotwin_schemas::organ::{ActivationSpec, OneFibrePassive, is_parameter};
+use cardiotwin_schemas::organ::is_parameter;
 use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::sweep::{CellDesign, ORGAN_SAMPLES_HEADING};
 use cardiotwin_schemas::task::OrganBeatSpec;
@@ -12,14 +12,13 @@ use rayon::prelude::*;
 
 use super::model::Model;
 use crate::error::TaskError;
-use crate::tasks::organ_beat::{reduced, reduced_beat};
+use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
 use crate::tasks::proposal::one_fibre;
 
 /// Base beat, from which the samples differ in the swept parameters.
 pub(super) struct Beats {
     beat: OrganBeatSpec,
-    passive: OneFibrePassive,
-    activation: ActivationSpec,
+    organ: ReducedOrgan,
     swept: Vec<String>,
 }
 
@@ -36,17 +35,12 @@ impl Beats {
         {
             return Err(TaskError::UnknownParameter { name: name.clone() });
         }
-        let (passive, activation) = one_fibre(&beat.organ)?;
+        let organ = one_fibre(&beat.organ)?;
         let beat = beat.with_parameters(&design.fixed);
         // Reports errors that are common to all samples: an invalid effect, loads
         // outside the range of the models.
-        reduced(&beat, &passive, &activation)?;
-        Ok(Self {
-            beat,
-            passive,
-            activation,
-            swept,
-        })
+        reduced(&beat, &organ)?;
+        Ok(Self { beat, organ, swept })
     }
 
     fn line(&self, row: &[f64]) -> String {
@@ -56,11 +50,7 @@ impl Beats {
             .cloned()
             .zip(row.iter().copied())
             .collect();
-        match reduced_beat(
-            &self.beat.with_parameters(&parameters),
-            &self.passive,
-            &self.activation,
-        ) {
+        match reduced_beat(&self.beat.with_parameters(&parameters), &self.organ) {
             Ok(Some(beat)) => finished(&beat),
             Ok(None) => "diverged,,,,,,,,".to_owned(),
             Err(error) => {
@@ -189,7 +179,7 @@ pub(crate) mod tests {
         );
         assert_eq!(samples(&spec, 3), lines);
         let organ = spec.design.organ.as_ref().unwrap();
-        let (passive, activation) = one_fibre(&organ.beat.organ).unwrap();
+        let reduced = one_fibre(&organ.beat.organ).unwrap();
         let row = &super::super::design(&spec, 3).unwrap().rows(1..3)[7];
         let parameters = [
             ("Smax_ref_kPa", row[0]),
@@ -199,13 +189,9 @@ pub(crate) mod tests {
         let parameters = parameters
             .map(|(name, value)| (name.to_owned(), value))
             .into();
-        let beat = reduced_beat(
-            &organ.beat.with_parameters(&parameters),
-            &passive,
-            &activation,
-        )
-        .unwrap()
-        .unwrap();
+        let beat = reduced_beat(&organ.beat.with_parameters(&parameters), &reduced)
+            .unwrap()
+            .unwrap();
         let fields: Vec<&str> = lines[8].split(',').collect();
         assert_eq!(&fields[..3], ["2", "1", "finished"]);
         let number = |at: usize| fields[at].parse::<f64>().ok();

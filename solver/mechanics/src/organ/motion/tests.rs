@@ -183,6 +183,151 @@ fn a_torsion_is_twist_with_the_sense_of_the_literature() {
     }
 }
 
+/// Mean radius of an ellipsoid of revolution around a height, and the same after a motion of its points, by integration over the
+/// smooth surface: nothing of the landmarks' code.
+fn smooth_radius(
+    [short, long]: [f64; 2],
+    (from_z, to_z): (f64, f64),
+    moved: impl Fn(f64) -> f64,
+) -> f64 {
+    let (middle, half) = (0.5 * (from_z + to_z), 0.125 * (to_z - from_z));
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for k in 0..4000 {
+        let z = middle + half * (f64::from(k) / 2000.0 - 0.9995);
+        let across = (1.0 - (z / long).powi(2)).sqrt();
+        let (r, slope) = (short * across, -short * z / (long * long * across));
+        let w = (1.0 - (z - middle).abs() / half) * r * (1.0 + slope * slope).sqrt();
+        sum += w * moved(r);
+        weight += w;
+    }
+    sum / weight
+}
+
+#[test]
+fn thickening_and_radii_are_those_of_the_smooth_wall_with_and_without_a_septum() {
+    for (septum_deg, n_nodes) in [
+        (0.0, 4000),
+        (60.0, 4000),
+        (120.0, 4000),
+        (180.0, 4000),
+        (120.0, 1000),
+    ] {
+        let spec = EllipsoidSpec {
+            septum_deg,
+            ..EllipsoidSpec::new(Ml(112.0), Ml(140.0), n_nodes)
+        };
+        let heart = generate(&spec).expect("a mesh");
+        let (mesh, smooth) = (&heart.mesh, heart.shape);
+        assert_eq!(
+            mesh.surface(surface_names::SEPTUM).is_some(),
+            septum_deg > 0.0
+        );
+        // The ring of the wall narrows as an incompressible one does: the area inside each radius falls by as much.
+        let narrowed = |r: f64| (r * r - 0.6 * smooth.short_mm.powi(2)).max(0.0).sqrt();
+        let x = &mesh.nodes_mm;
+        let systole: Vec<Vec3> = x
+            .iter()
+            .map(|[a, b, z]| {
+                let r = a.hypot(*b);
+                let ratio = if r > 0.0 { narrowed(r) / r } else { 1.0 };
+                [a * ratio, b * ratio, *z]
+            })
+            .collect();
+        let ends = (-smooth.axes_mm(0.0)[1], smooth.rim_z_mm());
+        let radii = |moved: &dyn Fn(f64) -> f64| {
+            [0.0, 1.0].map(|depth| smooth_radius(smooth.axes_mm(depth), ends, moved))
+        };
+        let (before, after) = (radii(&|r| r), radii(&narrowed));
+        let expected = 100.0 * ((after[1] - after[0]) / (before[1] - before[0]) - 1.0);
+        let landmarks = Landmarks::of(mesh).expect("landmarks");
+        let mut series = Series::new(landmarks.shape(x, x));
+        series.push(1, landmarks.shape(x, &systole));
+        let phases = Phases {
+            ejection_ms: 0.5,
+            end_systole_ms: 1.0,
+            filling_ms: None,
+        };
+        let m = series.measures(&phases, &[0.0, 1.0], &[]);
+        let begin = landmarks.shape(x, x);
+        for k in 0..2 {
+            assert!(
+                (begin.radius_mm[k] / before[k] - 1.0).abs() < 0.015,
+                "{septum_deg}°, {n_nodes} nodes: {:?} mm, expected {before:?}",
+                begin.radius_mm
+            );
+        }
+        assert!(expected > 30.0 && expected < 90.0, "{expected} %");
+        assert!(
+            (m.wall_thickening_percent - expected).abs() < 0.05 * expected,
+            "{septum_deg}°, {n_nodes} nodes: {} %, expected {expected} %",
+            m.wall_thickening_percent
+        );
+        let of_radius = 100.0 * (after[1] / before[1] - 1.0);
+        assert!(
+            (m.epicardial_radius_change_percent - of_radius).abs() < 0.5,
+            "{septum_deg}°: {} %, expected {of_radius} %",
+            m.epicardial_radius_change_percent
+        );
+    }
+}
+
+#[test]
+fn a_twist_has_its_angle_about_the_ventricles_axis_whether_or_not_a_septum_is_marked() {
+    for septum_deg in [0.0, 120.0, 180.0] {
+        let spec = EllipsoidSpec {
+            septum_deg,
+            ..EllipsoidSpec::new(Ml(112.0), Ml(140.0), 4000)
+        };
+        let mesh = generate(&spec).expect("a mesh").mesh;
+        let landmarks = Landmarks::of(&mesh).expect("landmarks");
+        let x = &mesh.nodes_mm;
+        // The wall turns by 12° as a whole about the long axis.
+        let (s, c) = 12f64.to_radians().sin_cos();
+        let turned: Vec<Vec3> = x
+            .iter()
+            .map(|[a, b, z]| [c * a - s * b, s * a + c * b, *z])
+            .collect();
+        let shape = landmarks.shape(x, &turned);
+        for angle in [shape.endo_rotation_deg, shape.epi_rotation_deg].concat() {
+            // Counter-clockwise about +z is clockwise as seen from the apex at −z.
+            assert!((angle + 12.0).abs() < 1e-6, "{septum_deg}°: {shape:?}");
+        }
+        let spread = |patch: &Patch| norm(reject(patch.mean(x), [0.0, 0.0, 1.0]));
+        for patch in landmarks.levels.iter().flatten() {
+            assert!(
+                spread(patch) < 0.3,
+                "{septum_deg}°: centre {} mm off",
+                spread(patch)
+            );
+        }
+    }
+}
+
+#[test]
+fn a_triangle_that_epicardium_and_septum_both_name_counts_once() {
+    let mesh = mesh(1000);
+    let mut doubled = mesh.clone();
+    let septum = mesh
+        .surface(surface_names::SEPTUM)
+        .expect("a septum")
+        .clone();
+    let outer = (doubled.surfaces.iter_mut()).find(|s| s.name == surface_names::EPICARDIUM);
+    outer
+        .expect("an epicardium")
+        .triangles
+        .extend(septum.triangles);
+    let [a, b] = [&mesh, &doubled].map(|mesh| {
+        let landmarks = Landmarks::of(mesh).expect("landmarks");
+        landmarks.shape(&mesh.nodes_mm, &mesh.nodes_mm)
+    });
+    for k in 0..2 {
+        assert!(
+            (a.radius_mm[k] - b.radius_mm[k]).abs() < 1e-9,
+            "{a:?} {b:?}"
+        );
+    }
+}
+
 #[test]
 fn a_series_survives_as_numbers() {
     let (mesh, landmarks, ..) = lying(500);

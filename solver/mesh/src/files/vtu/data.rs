@@ -52,47 +52,59 @@ impl Encoding {
         }
     }
 
-    /// Decodes the array at the beginning of base64 text; text after the array is ignored.
-    pub fn base64(self, text: &str) -> Option<Vec<u8>> {
+    /// Decodes the array at the beginning of base64 text; text after the array is ignored. An array
+    /// of more than `max` bytes is not decoded.
+    pub fn base64(self, text: &str, max: usize) -> Result<Vec<u8>, Undecoded> {
         let text: Vec<u8> = text
             .bytes()
             .filter(|byte| !byte.is_ascii_whitespace())
             .collect();
         let decode = |from: usize, n_bytes: usize| {
-            let end = from + n_bytes.div_ceil(3) * 4;
+            let end = from.checked_add(n_bytes.div_ceil(3).checked_mul(4)?)?;
             let mut bytes = STANDARD.decode(text.get(from..end)?).ok()?;
             bytes.truncate(n_bytes);
             (bytes.len() == n_bytes).then_some((bytes, end))
         };
+        let whole = |from: usize, n_bytes: usize| decode(from, n_bytes).ok_or(Undecoded::Damaged);
+        let (head, _) = whole(0, self.header_size)?;
+        let first = self.integer(&head).ok_or(Undecoded::Damaged)?;
         if !self.compressed {
-            let (head, _) = decode(0, self.header_size)?;
-            let length = self.integer(&head)?;
-            let (bytes, _) = decode(0, self.header_size.checked_add(length)?)?;
-            return Some(bytes[self.header_size..].to_vec());
+            let length = self.header_size.checked_add(first);
+            let (bytes, _) = whole(0, length.ok_or(Undecoded::Damaged)?)?;
+            return bounded(bytes[self.header_size..].to_vec(), max);
         }
-        let (head, _) = decode(0, self.header_size)?;
-        let n_header = self
-            .header_size
-            .checked_mul(self.integer(&head)?.checked_add(3)?)?;
-        let (header, end) = decode(0, n_header)?;
+        let (header, end) = whole(0, self.length_of_header(first)?)?;
         let total = self
-            .packed_sizes(&header)?
-            .iter()
-            .try_fold(0usize, |sum, size| sum.checked_add(*size))?;
-        let (packed, _) = decode(end, total)?;
-        self.unpack(&header, &packed)
+            .packed_sizes(&header)
+            .and_then(|sizes| {
+                sizes
+                    .iter()
+                    .try_fold(0usize, |sum, size| sum.checked_add(*size))
+            })
+            .ok_or(Undecoded::Damaged)?;
+        let (packed, _) = whole(end, total)?;
+        self.unpack(&header, &packed, max)
     }
 
-    /// Decodes the array at the beginning of raw bytes.
-    pub fn raw(self, bytes: &[u8]) -> Option<Vec<u8>> {
-        let first = self.integer(bytes)?;
+    /// Decodes the array at the beginning of raw bytes. An array of more than `max` bytes is not
+    /// decoded.
+    pub fn raw(self, bytes: &[u8], max: usize) -> Result<Vec<u8>, Undecoded> {
+        let first = self.integer(bytes).ok_or(Undecoded::Damaged)?;
         if !self.compressed {
-            return bytes
-                .get(self.header_size..self.header_size.checked_add(first)?)
-                .map(<[u8]>::to_vec);
+            let end = self.header_size.checked_add(first);
+            let found = end.and_then(|end| bytes.get(self.header_size..end));
+            return bounded(found.ok_or(Undecoded::Damaged)?.to_vec(), max);
         }
-        let n_header = self.header_size.checked_mul(first.checked_add(3)?)?;
-        self.unpack(bytes.get(..n_header)?, &bytes[n_header..])
+        let n_header = self.length_of_header(first)?;
+        let header = bytes.get(..n_header).ok_or(Undecoded::Damaged)?;
+        self.unpack(header, &bytes[n_header..], max)
+    }
+
+    /// Length of the header of so many blocks.
+    fn length_of_header(self, n_blocks: usize) -> Result<usize, Undecoded> {
+        let n = n_blocks.checked_add(3);
+        n.and_then(|n| self.header_size.checked_mul(n))
+            .ok_or(Undecoded::Damaged)
     }
 
     fn packed_sizes(self, header: &[u8]) -> Option<Vec<usize>> {
@@ -103,17 +115,51 @@ impl Encoding {
             .collect()
     }
 
-    fn unpack(self, header: &[u8], packed: &[u8]) -> Option<Vec<u8>> {
+    fn unpack(self, header: &[u8], packed: &[u8], max: usize) -> Result<Vec<u8>, Undecoded> {
         let mut bytes = Vec::new();
         let mut at = 0usize;
-        for size in self.packed_sizes(header)? {
-            let end = at.checked_add(size)?;
-            flate2::read::ZlibDecoder::new(packed.get(at..end)?)
+        for size in self.packed_sizes(header).ok_or(Undecoded::Damaged)? {
+            let end = at.checked_add(size).ok_or(Undecoded::Damaged)?;
+            let block = packed.get(at..end).ok_or(Undecoded::Damaged)?;
+            // One byte more than is allowed tells an excess, whatever the headers say.
+            let left = (max - bytes.len()) as u64;
+            flate2::read::ZlibDecoder::new(block)
+                .take(left + 1)
                 .read_to_end(&mut bytes)
-                .ok()?;
+                .map_err(|_| Undecoded::Damaged)?;
+            if bytes.len() > max {
+                return Err(Undecoded::TooLong);
+            }
             at = end;
         }
-        Some(bytes)
+        Ok(bytes)
+    }
+}
+
+/// Reason why an array is not decoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Undecoded {
+    /// Its bytes are not those of an array.
+    Damaged,
+    /// It has more bytes than its numbers need.
+    TooLong,
+}
+
+fn bounded(bytes: Vec<u8>, max: usize) -> Result<Vec<u8>, Undecoded> {
+    match bytes.len() <= max {
+        true => Ok(bytes),
+        false => Err(Undecoded::TooLong),
+    }
+}
+
+/// Size of a number of a VTK type in bytes; `None` for types other than numbers.
+pub fn size_of(kind: &str) -> Option<usize> {
+    match kind {
+        "Float64" | "Int64" | "UInt64" => Some(8),
+        "Float32" | "Int32" | "UInt32" => Some(4),
+        "Int16" | "UInt16" => Some(2),
+        "Int8" | "UInt8" => Some(1),
+        _ => None,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Reader for VTU files with one piece. Arrays may be text, base64 or appended (base64 or raw),
 //! with or without zlib compression.
 
-use super::data::{Encoding, numbers};
+use super::data::{self, Encoding, Undecoded, numbers};
 use super::{Field, Grid, SURFACE_PREFIX, TETRAHEDRON, TRIANGLE};
 use crate::files::LengthUnit;
 use crate::files::carp::frame;
@@ -11,11 +11,54 @@ use crate::surface::Surface;
 use crate::tet_mesh::{Frame, TetMesh};
 use crate::vec3::Vec3;
 use roxmltree::{Document, Node};
+use std::cell::Cell;
 use std::path::Path;
 
-/// Reads a file with coordinates in `unit`. The array `tag` gives the tags (0 if it is missing);
-/// `fibre` and `sheet` give the directions, at cells or at points. All other numeric arrays become
-/// fields.
+/// Names of an array, in lower case without anything but letters and digits.
+struct Names(&'static [&'static str]);
+
+/// Names under which programs write fibres: ours, SimVascular's (`FIB_DIR`), those of LDRB, cardiac
+/// libraries on FEniCS (`f0`) and others.
+const FIBRES: Names = Names(&[
+    "fibre",
+    "fiber",
+    "fibres",
+    "fibers",
+    "fibdir",
+    "f0",
+    "fibredirection",
+    "fiberdirection",
+    "fibredirections",
+    "fiberdirections",
+    "fibredir",
+    "fiberdir",
+    "fiberlongitudinal",
+]);
+/// Names of sheets.
+const SHEETS: Names = Names(&[
+    "sheet",
+    "sheets",
+    "sheetdir",
+    "s0",
+    "sheetdirection",
+    "sheetdirections",
+    "shedir",
+]);
+
+impl Names {
+    fn is(&self, name: &str) -> bool {
+        let plain: String = name
+            .chars()
+            .filter(|c| c.is_alphanumeric())
+            .flat_map(char::to_lowercase)
+            .collect();
+        self.0.contains(&plain.as_str())
+    }
+}
+
+/// Reads a file with coordinates in `unit`. The array `tag` gives the tags; a file without any array
+/// of whole numbers has tag 0. `fibre` and `sheet`, or arrays of other programs' names for them, give
+/// the directions, at cells or at points. All other numeric arrays become fields.
 ///
 /// # Errors
 /// [`MeshFileError`] with file and line, also for several pieces, cells other than tetrahedra and
@@ -39,7 +82,7 @@ pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFi
             "a VTU file (XML)",
         )
     })?;
-    let reader = Reader::new(file, &document, appended)?;
+    let reader = Reader::new(file, &document, appended, bytes.len())?;
     reader.grid(unit)
 }
 
@@ -69,8 +112,18 @@ fn split_appended(bytes: &[u8]) -> (Vec<u8>, &[u8]) {
     }
 }
 
+/// Memory for numbers that a file of any size may need \[MiB\].
+const FREE_BYTES_MIB: u64 = 256;
+/// Bytes of numbers for each byte of the file beyond that. Numbers as text and uncompressed ones have
+/// at most eight, compressed meshes up to twenty; a file made to fill the memory has a thousand.
+const MAX_RATIO: u64 = 50;
+
 struct Reader<'a> {
     file: &'a Path,
+    /// Memory that the arrays of this file may need \[bytes\].
+    allowed: u64,
+    /// The part of it that is left.
+    allowance: Cell<u64>,
     document: &'a Document<'a>,
     encoding: Encoding,
     appended: &'a [u8],
@@ -82,10 +135,14 @@ impl<'a> Reader<'a> {
         file: &'a Path,
         document: &'a Document<'a>,
         appended: &'a [u8],
+        n_bytes: usize,
     ) -> Result<Self, MeshFileError> {
         let root = document.root_element();
+        let allowed = (FREE_BYTES_MIB << 20) + (n_bytes as u64).saturating_mul(MAX_RATIO);
         let mut reader = Self {
             file,
+            allowed,
+            allowance: Cell::new(allowed),
             document,
             encoding: Encoding {
                 big_endian: false,
@@ -152,6 +209,25 @@ impl<'a> Reader<'a> {
             .map_err(|_| self.error(piece, format!("{name}=\"{text}\""), "a whole number"))
     }
 
+    /// Takes the memory of an array out of what a file of this size may need, before it is decoded.
+    fn spend(&self, node: Node, name: &str, n_numbers: usize) -> Result<(), MeshFileError> {
+        let bytes = (n_numbers as u64).saturating_mul(size_of::<f64>() as u64);
+        let left = self.allowance.get();
+        let Some(rest) = left.checked_sub(bytes) else {
+            return Err(self.error(
+                node,
+                format!("the array {name} of {n_numbers} numbers in so small a file"),
+                format!(
+                    "arrays of at most {} MiB together: {FREE_BYTES_MIB} MiB, and {MAX_RATIO} \
+                     times the file's size (save the mesh again without compression)",
+                    self.allowed >> 20
+                ),
+            ));
+        };
+        self.allowance.set(rest);
+        Ok(())
+    }
+
     /// Values of an array, which must have `n_expected` of them.
     fn array(&self, node: Node, n_expected: usize) -> Result<Vec<f64>, MeshFileError> {
         let name = node.attribute("Name").unwrap_or("?");
@@ -163,8 +239,15 @@ impl<'a> Reader<'a> {
                 format!("{n_expected} numbers of type {kind}"),
             )
         };
-        let decoded = |bytes: Option<Vec<u8>>| {
-            let bytes = bytes.ok_or_else(|| bad("that cannot be decoded"))?;
+        self.spend(node, name, n_expected)?;
+        // A packed array of any type is decoded to as many bytes as its numbers need, and no more.
+        let max = data::size_of(kind).map_or(0, |size| size.saturating_mul(n_expected));
+        let decoded = |bytes: Result<Vec<u8>, Undecoded>| {
+            let bytes = bytes.map_err(|why| match why {
+                Undecoded::Damaged => bad("that cannot be decoded"),
+                Undecoded::TooLong if data::size_of(kind).is_none() => bad("of another type"),
+                Undecoded::TooLong => bad("of more numbers"),
+            })?;
             numbers(kind, &bytes, self.encoding.big_endian).ok_or_else(|| bad("of another type"))
         };
         // VTK inserts keys of its own between the numbers or after them.
@@ -178,7 +261,7 @@ impl<'a> Reader<'a> {
                 .split_ascii_whitespace()
                 .map(|word| word.parse().map_err(|_| bad(&format!("with `{word}`"))))
                 .collect::<Result<Vec<f64>, _>>()?,
-            Some("binary") => decoded(self.encoding.base64(&text))?,
+            Some("binary") => decoded(self.encoding.base64(&text, max))?,
             Some("appended") => {
                 let offset = self.count(node, "offset")?;
                 let rest = self
@@ -186,12 +269,12 @@ impl<'a> Reader<'a> {
                     .get(offset..)
                     .ok_or_else(|| bad("beyond the appended data"))?;
                 if self.appended_raw {
-                    decoded(self.encoding.raw(rest))?
+                    decoded(self.encoding.raw(rest, max))?
                 } else {
                     decoded(
                         std::str::from_utf8(rest)
-                            .ok()
-                            .and_then(|rest| self.encoding.base64(rest)),
+                            .map_err(|_| Undecoded::Damaged)
+                            .and_then(|rest| self.encoding.base64(rest, max)),
                     )?
                 }
             }
@@ -200,10 +283,27 @@ impl<'a> Reader<'a> {
         if values.len() != n_expected {
             return Err(bad(&format!("of {} numbers", values.len())));
         }
-        if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-            return Err(bad(&format!("with {} at place {at}", values[at])));
-        }
         Ok(values)
+    }
+
+    /// Values of an array that is used: finite ones.
+    fn finite(&self, node: Node, n_expected: usize) -> Result<Vec<f64>, MeshFileError> {
+        let values = self.array(node, n_expected)?;
+        let name = node.attribute("Name").unwrap_or("?");
+        self.used(node, name, &values)?;
+        Ok(values)
+    }
+
+    /// An error if values that are used are not finite. What nothing reads may be.
+    fn used(&self, at: Node, name: &str, values: &[f64]) -> Result<(), MeshFileError> {
+        match values.iter().position(|value| !value.is_finite()) {
+            None => Ok(()),
+            Some(place) => Err(self.error(
+                at,
+                format!("the array {name} with {} at place {place}", values[place]),
+                "finite numbers",
+            )),
+        }
     }
 
     fn named(&self, section: Node<'a, 'a>, name: &str) -> Result<Node<'a, 'a>, MeshFileError> {
@@ -217,6 +317,39 @@ impl<'a> Reader<'a> {
                     format!("a DataArray called {name}"),
                 )
             })
+    }
+
+    /// Whole numbers as tags.
+    fn tags(&self, at: Node, values: &[f64]) -> Result<Vec<i32>, MeshFileError> {
+        let is_tag = |value: &f64| value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX);
+        match values.iter().position(|value| !is_tag(value)) {
+            None => Ok(values.iter().map(|value| *value as i32).collect()),
+            Some(place) => Err(self.error(
+                at,
+                format!("the array tag with {} at place {place}", values[place]),
+                "whole numbers",
+            )),
+        }
+    }
+
+    /// An error for a file without tags that has other arrays which may be meant.
+    fn no_tag(&self, at: Node, others: &[Field]) -> Result<(), MeshFileError> {
+        let whole = |field: &&Field| {
+            field.n_components == 1 && field.values.iter().all(|value| value.fract() == 0.0)
+        };
+        let names: Vec<&str> = others
+            .iter()
+            .filter(whole)
+            .map(|field| field.name.as_str())
+            .collect();
+        if names.is_empty() {
+            return Ok(());
+        }
+        Err(self.error(
+            at,
+            format!("no array tag, and the arrays {} at cells", names.join(", ")),
+            "an array called tag with the tissue of each element (rename the right one)",
+        ))
     }
 
     /// All numeric arrays of a section with `n` nodes or cells.
@@ -243,7 +376,7 @@ impl<'a> Reader<'a> {
                 Ok(Field {
                     name,
                     n_components,
-                    values: self.array(node, n * n_components)?,
+                    values: self.array(node, n.saturating_mul(n_components))?,
                 })
             })
             .collect()
@@ -267,7 +400,7 @@ impl<'a> Reader<'a> {
             self.count(piece, "NumberOfCells")?,
         );
         let points = self.child(piece, "Points")?;
-        let points = self.array(self.child(points, "DataArray")?, 3 * n_points)?;
+        let points = self.finite(self.child(points, "DataArray")?, n_points.saturating_mul(3))?;
         let nodes_mm = points
             .chunks_exact(3)
             .map(|p| unit.to_mm([p[0], p[1], p[2]]))
@@ -289,10 +422,11 @@ impl<'a> Reader<'a> {
             .map(|cell| [0, 1, 2, 3].map(|i| cells[*cell][i]))
             .collect();
         grid.mesh.tags = vec![0; tets.len()];
-        let (mut fibres, mut sheets) = (None, None);
+        let (mut fibres, mut sheets, mut tagged) = (None, None, false);
         for field in self.fields(piece, "CellData", n_cells)? {
             let width = field.n_components;
             if let Some(name) = field.name.strip_prefix(SURFACE_PREFIX) {
+                self.used(piece, &field.name, &field.values)?;
                 let on = (0..n_cells)
                     .filter(|cell| cells[*cell].len() == 3 && field.values[*cell] != 0.0);
                 let triangles = on.map(|cell| [0, 1, 2].map(|i| cells[cell][i])).collect();
@@ -308,11 +442,23 @@ impl<'a> Reader<'a> {
                 .copied()
                 .collect();
             match (field.name.as_str(), width) {
-                ("tag", 1) => grid.mesh.tags = values.iter().map(|tag| *tag as i32).collect(),
-                ("fibre", 3) => fibres = Some(vectors(&values)),
-                ("sheet", 3) => sheets = Some(vectors(&values)),
+                ("tag", 1) => {
+                    grid.mesh.tags = self.tags(piece, &values)?;
+                    tagged = true;
+                }
+                (name, 3) if FIBRES.is(name) && fibres.is_none() => {
+                    self.used(piece, name, &values)?;
+                    fibres = Some(vectors(&values));
+                }
+                (name, 3) if SHEETS.is(name) && sheets.is_none() => {
+                    self.used(piece, name, &values)?;
+                    sheets = Some(vectors(&values));
+                }
                 _ => grid.cell_fields.push(Field { values, ..field }),
             }
+        }
+        if !tagged {
+            self.no_tag(piece, &grid.cell_fields)?;
         }
         let found = |place: String, fibre, sheet| {
             frame(fibre, sheet).ok_or_else(|| {
@@ -320,15 +466,17 @@ impl<'a> Reader<'a> {
                 self.error(piece, found, "perpendicular directions, or zeros for both")
             })
         };
-        let mut at_nodes = |name: &str| {
-            let at = grid
-                .point_fields
-                .iter()
-                .position(|field| field.name == name && field.n_components == 3)?;
-            Some(vectors(&grid.point_fields.remove(at).values))
+        let mut at_nodes = |names: &Names| -> Result<Option<Vec<Vec3>>, MeshFileError> {
+            let place = |field: &Field| names.is(&field.name) && field.n_components == 3;
+            let Some(at) = grid.point_fields.iter().position(place) else {
+                return Ok(None);
+            };
+            let field = grid.point_fields.remove(at);
+            self.used(piece, &field.name, &field.values)?;
+            Ok(Some(vectors(&field.values)))
         };
-        if let (None, Some(fibres)) = (&fibres, at_nodes("fibre")) {
-            let sheets = at_nodes("sheet");
+        if let (None, Some(fibres)) = (&fibres, at_nodes(&FIBRES)?) {
+            let sheets = at_nodes(&SHEETS)?;
             let frames = (fibres.into_iter().enumerate())
                 .map(|(node, fibre)| {
                     found(
@@ -365,12 +513,12 @@ impl<'a> Reader<'a> {
         n_points: usize,
         n_cells: usize,
     ) -> Result<Vec<Vec<u32>>, MeshFileError> {
-        let kinds = self.array(self.named(section, "types")?, n_cells)?;
+        let kinds = self.finite(self.named(section, "types")?, n_cells)?;
         let offsets_node = self.named(section, "offsets")?;
-        let offsets = self.array(offsets_node, n_cells)?;
+        let offsets = self.finite(offsets_node, n_cells)?;
         let n_corners = offsets.last().map_or(0, |last| *last as usize);
         let connectivity_node = self.named(section, "connectivity")?;
-        let connectivity = self.array(connectivity_node, n_corners)?;
+        let connectivity = self.finite(connectivity_node, n_corners)?;
         let mut begin = 0;
         let mut cells = Vec::with_capacity(n_cells);
         for (cell, (kind, end)) in kinds.iter().zip(&offsets).enumerate() {

@@ -276,6 +276,7 @@ fn answer(
         Seen {
             lambda_min: Some(lambda_min),
             motion: None,
+            law: None,
         },
     )?;
     result.remarks.extend(estimated);

@@ -1,0 +1,125 @@
+//! `cardiotwin check`: all errors of the input that can be found before anything runs.
+
+use cardiotwin_engine::{load_site, without_queue};
+use cardiotwin_input::{self as input, Cohort, Finding, Options, Report};
+use cardiotwin_schemas::settings::ExecutorKind;
+use clap::Args;
+use serde::Serialize;
+
+use crate::error::CliError;
+use crate::exit::Exit;
+use crate::place::Place;
+use crate::problems;
+use crate::talk::{Talk, count};
+
+/// Check cohort, patients, settings, measured data and patients' own meshes, and list all problems
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    #[command(flatten)]
+    place: Place,
+    /// Check only this patient (may be given several times)
+    #[arg(long = "patient", value_name = "PATIENT")]
+    patients: Vec<String>,
+    /// Set KEY to VALUE, overriding all files, as in `run`
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Exit with 1 for warnings, too
+    #[arg(long)]
+    strict: bool,
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Answer<'a> {
+    schema_version: u32,
+    cohort: Option<&'a str>,
+    patients: usize,
+    errors: usize,
+    warnings: usize,
+    problems: &'a [Finding],
+}
+
+/// Checks the cohort. Problems count as data and go to stdout.
+///
+/// # Errors
+/// Stdout cannot be written.
+pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.place.folders();
+    let cohort_dir = folders.cohort.unwrap_or(folders.run);
+    let mut report = Report::default();
+    let options = Options {
+        only: args.patients.clone(),
+        set: args.set.clone(),
+        meshes: true,
+        ..Options::default()
+    };
+    let cohort = input::load(&cohort_dir, &options, &mut report);
+    if let Some(cohort) = &cohort {
+        queues(cohort, &mut report);
+    }
+    let (errors, warnings) = (report.n_errors(), report.n_warnings());
+    let n_patients = cohort.as_ref().map_or(0, |cohort| cohort.patients.len());
+    if args.json {
+        let findings = problems::in_order(&report);
+        talk.json(&Answer {
+            schema_version: cardiotwin_schemas::formats::CHECK.version,
+            cohort: cohort.as_ref().map(|cohort| cohort.name.as_str()),
+            patients: n_patients,
+            errors,
+            warnings,
+            problems: &findings,
+        })?;
+    } else {
+        talk.data(&problems::text(&report, talk.colour_out, true))?;
+        let name = cohort
+            .as_ref()
+            .map_or("the cohort", |cohort| cohort.name.as_str());
+        if errors + warnings == 0 {
+            talk.data(&format!(
+                "{name}: {}, no problems\n",
+                count(n_patients, "patient")
+            ))?;
+        } else {
+            let (errors, warnings) = (count(errors, "error"), count(warnings, "warning"));
+            talk.data(&format!(
+                "{name}: {}, {errors}, {warnings}\n",
+                count(n_patients, "patient")
+            ))?;
+        }
+    }
+    Ok(if errors > 0 || (args.strict && warnings > 0) {
+        Exit::Problems
+    } else {
+        Exit::Ok
+    })
+}
+
+/// Reports threads or ranks that no queue of the site gives.
+fn queues(cohort: &Cohort, report: &mut Report) {
+    let executor = &cohort.settings.settings.executor;
+    if executor.kind != ExecutorKind::Slurm {
+        return;
+    }
+    let site = match load_site(&executor.slurm) {
+        Ok(site) => site,
+        Err(error) => {
+            let said = [
+                &error.to_string(),
+                "a site with a profile",
+                "correct the profile, or name another site",
+            ];
+            report.add(
+                None,
+                cohort.settings.problem("executor.slurm.site", None, said),
+            );
+            return;
+        }
+    };
+    let plans = cohort.patients.iter().filter_map(|p| p.resolved.as_ref());
+    if let Some(no_queue) = without_queue(plans, &site, executor) {
+        let said = [&*no_queue.found, &no_queue.expected, no_queue.remedy];
+        report.add(None, cohort.settings.problem(no_queue.key, None, said));
+    }
+}

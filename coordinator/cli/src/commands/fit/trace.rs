@@ -1,0 +1,47 @@
+//! Reading of a trace named on the command line.
+
+use std::path::Path;
+
+use cardiotwin_input::Report;
+use cardiotwin_signals::{Origin, Problem, Quantity, Trace, read_trace_from};
+
+use crate::error::CliError;
+use crate::problems;
+use crate::talk::{Talk, count};
+
+/// Reads a trace and prints every problem.
+///
+/// # Errors
+/// [`CliError::Trace`] if any problem is an error.
+pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliError> {
+    let reading = read_trace_from(Origin::CommandLine, file, quantity);
+    let n_errors = say(reading.problems, talk);
+    reading
+        .trace
+        .filter(|_| n_errors == 0)
+        .ok_or_else(|| unusable(n_errors))
+}
+
+/// Prints why a fit refused the trace, and returns the error for it.
+pub fn refused(problem: Problem, talk: &Talk) -> CliError {
+    unusable(say(vec![problem], talk))
+}
+
+fn unusable(n_errors: usize) -> CliError {
+    CliError::Trace {
+        errors: count(n_errors, "error"),
+    }
+}
+
+/// Prints the problems and returns the number of errors.
+fn say(found: Vec<Problem>, talk: &Talk) -> usize {
+    let mut report = Report::default();
+    found
+        .into_iter()
+        .for_each(|problem| report.add(None, problem));
+    let text = problems::text(&report, talk.colour_err, true);
+    if !text.is_empty() {
+        talk.say(text.trim_end());
+    }
+    report.n_errors()
+}

@@ -1,0 +1,34 @@
+//! Commands of the program, one file each with its arguments and its execution.
+
+pub mod advance;
+pub mod backup;
+pub mod cancel;
+pub mod check;
+pub mod compare;
+pub mod completions;
+pub mod config;
+pub mod dashboard;
+pub mod discover;
+pub mod doctor;
+pub mod drive;
+pub mod explain;
+pub mod export;
+pub mod fit;
+pub mod housekeeping;
+pub mod init;
+pub mod logs;
+pub mod man;
+pub mod mesh;
+pub mod plan;
+pub mod predict;
+pub mod prepare;
+pub mod report;
+pub mod rerun;
+pub mod retry;
+pub mod run;
+pub mod schemas;
+pub mod show;
+pub mod simulate;
+pub mod status;
+pub mod sweep;
+pub mod verify;

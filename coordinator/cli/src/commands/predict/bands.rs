@@ -1,0 +1,148 @@
+//! Uncertainty of a prediction: the same change on draws of the twin's posterior.
+
+use std::collections::BTreeMap;
+use std::panic::resume_unwind;
+use std::path::Path;
+
+use cardiotwin_calibrate::normal::quantile;
+use cardiotwin_calibrate::statistics::quantile_of;
+use cardiotwin_schemas::posterior::PosteriorResult;
+use cardiotwin_schemas::task::OrganBeatSpec;
+
+use super::beat::simulate;
+use super::change::Change;
+use super::indices::{Traces, indices};
+use crate::error::CliError;
+use crate::ventricle::AskedFor;
+
+/// 5th and 95th percentile of the relative changes, by index.
+pub type Bands = BTreeMap<&'static str, [f64; 2]>;
+/// Indices of one beat by name.
+type Indices = Vec<(&'static str, f64)>;
+/// Least number of draws with a successful beat from which a band is computed.
+const FEWEST: usize = 20;
+
+/// Bands of the relative changes of the indices over all draws: each draw is simulated as it is and
+/// changed, both to the periodic state. The law's own error is added to its changes. Draws with a beat that fails are left out; fewer than
+/// `FEWEST` successful draws give no bands.
+///
+/// - `twin`: the unchanged beat; `asked`: the ventricle in which the draws are simulated
+///
+/// # Errors
+/// [`CliError::Worker`] if the worker cannot be run.
+pub fn of(
+    posterior: &PosteriorResult,
+    twin: &OrganBeatSpec,
+    changes: &[Change],
+    asked: AskedFor<'_>,
+    worker: &Path,
+) -> Result<Bands, CliError> {
+    let n_threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let simulated = |beat: &OrganBeatSpec| -> Result<Option<Indices>, CliError> {
+        match simulate(beat, asked, worker) {
+            Ok((result, traces)) => Ok(result.failed_check().is_none().then(|| {
+                indices(
+                    &result.biomarkers,
+                    &Traces::of(&traces),
+                    beat.cycle_length_ms,
+                )
+            })),
+            Err(CliError::Simulation { .. }) => Ok(None),
+            Err(error) => Err(error),
+        }
+    };
+    // A thread simulates every n-th draw.
+    let some = |first: usize| -> Result<Vec<Indices>, CliError> {
+        let found = (first..posterior.draws.len()).step_by(n_threads).map(|at| {
+            let before = twin.with_parameters(&posterior.draw(at));
+            let mut after = before.clone();
+            // A change that is valid for the twin is valid for its draws, because their values have
+            // the same signs.
+            if changes
+                .iter()
+                .any(|change| change.make(&mut after).is_err())
+            {
+                return Ok(None);
+            }
+            let (Some(before), Some(after)) = (simulated(&before)?, simulated(&after)?) else {
+                return Ok(None);
+            };
+            let mut changes = changes_of(&before, &after);
+            if let AskedFor::Law(_) = asked {
+                add_error_of_law(&mut changes, at);
+            }
+            Ok(Some(changes))
+        });
+        found.filter_map(Result::transpose).collect()
+    };
+    let found: Vec<Indices> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..n_threads)
+            .map(|first| scope.spawn(move || some(first)))
+            .collect();
+        let of_all = threads
+            .into_iter()
+            .map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        of_all.collect::<Result<Vec<_>, _>>()
+    })?
+    .concat();
+    if found.len() < FEWEST {
+        return Ok(Bands::new());
+    }
+    let mut values: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+    found
+        .into_iter()
+        .flatten()
+        .for_each(|(name, value)| values.entry(name).or_default().push(value));
+    let band = |(name, mut values): (&'static str, Vec<f64>)| {
+        values.sort_by(f64::total_cmp);
+        (name, [0.05, 0.95].map(|share| quantile_of(&values, share)))
+    };
+    Ok(values.into_iter().map(band).collect())
+}
+
+/// Relative standard deviations of a beat that the law has not seen, by index: the mean absolute
+/// errors of twelve development patients after their first beat (docs/organ-law.md#errors), times
+/// √(π/2). Other pressures count like P_max, other volumes like SV.
+const ERROR_OF_LAW: [(&str, f64); 14] = [
+    ("P_max_mmHg", P_MAX),
+    ("EDP_mmHg", P_MAX),
+    ("dPdt_max_mmHg_per_ms", 0.0150),
+    ("dPdt_min_mmHg_per_ms", 0.0213),
+    ("PTD90_ms", P_MAX),
+    ("EDV_mL", SV),
+    ("ESV_mL", SV),
+    ("SV_mL", SV),
+    ("ejection_fraction", SV),
+    ("cardiac_output_L_per_min", SV),
+    ("stroke_work_mJ", SV),
+    ("aortic_systolic_mmHg", P_MAX),
+    ("aortic_diastolic_mmHg", P_MAX),
+    ("aortic_mean_mmHg", P_MAX),
+];
+const P_MAX: f64 = 0.0113;
+const SV: f64 = 0.0226;
+
+/// Adds an error of the law to the changes of a draw: quantiles of the normal distribution, which
+/// follow each other by the golden ratio, so that they are spread evenly over the draws.
+fn add_error_of_law(changes: &mut Indices, draw: usize) {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    for (name, change) in changes {
+        if let Some(k) = ERROR_OF_LAW.iter().position(|(other, _)| other == name) {
+            // Each index begins elsewhere, so that errors of different indices are not alike.
+            let share = (GOLDEN * (draw as f64 + 1.0)
+                + (k as f64 + 0.5) / ERROR_OF_LAW.len() as f64)
+                .fract();
+            let error = ERROR_OF_LAW[k].1 * quantile(share.clamp(1e-6, 1.0 - 1e-6));
+            *change = (1.0 + *change) * (1.0 + error) - 1.0;
+        }
+    }
+}
+
+/// Relative changes of the indices that both beats have.
+fn changes_of(before: &Indices, after: &Indices) -> Indices {
+    let change = |(name, before): &(&'static str, f64)| {
+        let (_, after) = after.iter().find(|(other, _)| other == name)?;
+        Some((*name, (after - before) / before)).filter(|(_, change)| change.is_finite())
+    };
+    before.iter().filter_map(change).collect()
+}

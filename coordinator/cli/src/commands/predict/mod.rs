@@ -1,0 +1,522 @@
+//! `cardiotwin predict`: effect of a treatment on a personalised twin.
+
+mod bands;
+mod beat;
+mod change;
+mod curve;
+mod indices;
+mod predicted;
+mod scenarios;
+
+use std::path::{Path, PathBuf};
+
+use cardiotwin_engine::{Reader, find_worker};
+use cardiotwin_report::html::prediction::{BeatLines, figure};
+use cardiotwin_report::results::atomic;
+use cardiotwin_schemas::formats;
+use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
+use cardiotwin_schemas::outcome::OrganBeatResult;
+use cardiotwin_schemas::task::OrganBeatSpec;
+use clap::Args;
+use serde::Serialize;
+use tempfile::TempDir;
+
+use self::bands::Bands;
+use self::beat::simulate;
+use self::change::{Change, Changed};
+use self::indices::{Traces, indices};
+use self::predicted::Predicted;
+use crate::error::CliError;
+use crate::exit::Exit;
+use crate::place::{Folders, OfCohort};
+use crate::table::{Columns, optional, percent};
+use crate::talk::Talk;
+use crate::ventricle::{AskedFor, Ventricle};
+
+/// Most beats to the periodic state of a reduced ventricle, and the tolerance (mmHg and mL) at
+/// which a beat counts as periodic.
+const PERIODIC: BeatCount = BeatCount::Periodic {
+    max: 100,
+    tolerance: 0.05,
+};
+/// The same for a finite-element ventricle, whose beats take seconds to minutes.
+const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
+    max: 10,
+    tolerance: 0.5,
+};
+
+/// Predict the effect of changed loads, pacing, cell or valves on a personalised twin
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Quantities: left_atrial_pressure_mmHg, peripheral_resistance_mmHg_s_per_mL, \
+                  characteristic_resistance_mmHg_s_per_mL,\n\
+                  compliance_mL_per_mmHg, cycle_length_ms, R_AV_f_mmHg_s_per_mL, \
+                  R_MV_f_mmHg_s_per_mL, and the cell's parameters.\n\
+                  Beats are simulated until the periodic state; the relative change between both \
+                  periodic states is applied to the twin's own beat."
+)]
+pub struct PredictArgs {
+    /// Patient of the twin; optional with --scenarios [default: every patient with a twin]
+    #[arg(required_unless_present = "scenarios")]
+    patient: Option<String>,
+    /// Change a quantity to a value, or by a percentage such as -20% (may be given several times)
+    #[arg(
+        long = "set",
+        value_name = "KEY=VALUE",
+        required_unless_present = "scenarios",
+        allow_hyphen_values = true
+    )]
+    set: Vec<String>,
+    /// File of scenarios, each a table with `set` and, to restrict it to some twins, `patients`
+    #[arg(long, value_name = "FILE", conflicts_with = "set")]
+    scenarios: Option<PathBuf>,
+    /// Simulate the run's finite-element ventricle instead of the law that was learned from its
+    /// beats
+    #[arg(long)]
+    in_3d: bool,
+    /// Skip the uncertainty of the prediction, which simulates the change on draws of the twin's
+    /// posterior
+    #[arg(long)]
+    no_band: bool,
+    /// Number of beats [default: as many as the periodic state takes]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    beats: Option<u32>,
+    /// Write traces (CSV), plot (SVG) and prediction (JSON) into this folder
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    #[arg(long, value_name = "PATH")]
+    worker: Option<PathBuf>,
+    #[command(flatten)]
+    of: OfCohort,
+}
+
+/// Effect of the changes on one twin.
+#[derive(Debug, Serialize)]
+struct Prediction {
+    scenario: Option<String>,
+    patient: String,
+    changes: Vec<Changed>,
+    /// `organ's law`, `one-fibre`, `finite-element` or `external`.
+    ventricle: &'static str,
+    /// Number of beats simulated before and after the change. `periodic` says whether both
+    /// simulations reached their periodic state, or is true because `--beats` fixed the number.
+    beats: [u32; 2],
+    periodic: bool,
+    /// Whether the twin's verdict says that it is personalised.
+    personalised: bool,
+    indices: Vec<Predicted>,
+    remarks: Vec<String>,
+    files: Vec<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Answer<'a> {
+    schema_version: u32,
+    predictions: &'a [Prediction],
+}
+
+/// Runs the predictions and prints them.
+///
+/// # Errors
+/// [`CliError::Usage`] for a change that the model does not describe, [`CliError::Simulation`] for
+/// a beat that diverges, [`CliError::Worker`] if the worker cannot be run.
+pub async fn execute(args: &PredictArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let folders = args.of.folders();
+    let worker = find_worker(args.worker.as_deref())?;
+    let mut predictions = Vec::new();
+    for (scenario, patient, set) in asked(args, &folders).await? {
+        let changes = scenarios::changes(&set).map_err(CliError::Usage)?;
+        let ventricle = Ventricle::of_run(&folders, &patient, "predict").await?;
+        predictions.push(predict(args, scenario, &ventricle, &changes, &worker)?);
+    }
+    if args.json {
+        talk.json(&Answer {
+            schema_version: formats::PREDICTION.version,
+            predictions: &predictions,
+        })?;
+    } else if args.scenarios.is_some() {
+        talk.data(&overview(&predictions, talk))?;
+    } else {
+        predictions
+            .iter()
+            .try_for_each(|prediction| talk.data(&screen(prediction, talk)))?;
+    }
+    let whole = predictions
+        .iter()
+        .all(|prediction| prediction.personalised && prediction.periodic);
+    Ok(if whole { Exit::Ok } else { Exit::Problems })
+}
+
+/// Scenario, patient and changes of each requested prediction.
+async fn asked(
+    args: &PredictArgs,
+    folders: &Folders,
+) -> Result<Vec<(Option<String>, String, Vec<String>)>, CliError> {
+    let Some(file) = &args.scenarios else {
+        return Ok(args
+            .patient
+            .iter()
+            .map(|patient| (None, patient.clone(), args.set.clone()))
+            .collect());
+    };
+    let scenarios = scenarios::read(file)?;
+    let record = Reader::open(&folders.run).await?.record().await?;
+    let twins: Vec<String> = record
+        .patients
+        .iter()
+        .filter(|p| p.twin().is_some())
+        .map(|p| p.plan.id.to_string())
+        .collect();
+    let mut all = Vec::new();
+    for (name, scenario) in scenarios {
+        let patients = args
+            .patient
+            .clone()
+            .map(|patient| vec![patient])
+            .or(scenario.patients);
+        for patient in patients.unwrap_or_else(|| twins.clone()) {
+            all.push((Some(name.clone()), patient, scenario.set.clone()));
+        }
+    }
+    if all.is_empty() {
+        return Err(CliError::Usage(
+            "no patient of the run has a twin yet: run `cardiotwin run` first".to_owned(),
+        ));
+    }
+    Ok(all)
+}
+
+fn predict(
+    args: &PredictArgs,
+    scenario: Option<String>,
+    ventricle: &Ventricle,
+    changes: &[Change],
+    worker: &Path,
+) -> Result<Prediction, CliError> {
+    let law = LawSamplesFile::of(ventricle)?;
+    let reduced = law
+        .as_ref()
+        .map_or(AskedFor::OneFibre, |law| AskedFor::Law(&law.path));
+    let (beats, asked) = if args.in_3d {
+        (PERIODIC_IN_3D, AskedFor::TheOrgan)
+    } else {
+        (PERIODIC, reduced)
+    };
+    let beats = args.beats.map_or(beats, |n| BeatCount::Fixed { n });
+    let before = ventricle.beat_of_twin("predict", beats)?;
+    let mut after = before.clone();
+    let patient = ventricle.plan.id.to_string();
+    let refuse = |problem: String| CliError::Usage(format!("{patient}: {problem}"));
+    let made = changes
+        .iter()
+        .map(|change| change.make(&mut after))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(refuse)?;
+    let (result_before, traces_before) = simulate(&before, asked, worker)?;
+    let (result_after, traces_after) = simulate(&after, asked, worker)?;
+    let (own, own_traces) = ventricle.twin()?;
+    let of = |result: &OrganBeatResult, text: &str, beat: &OrganBeatSpec| {
+        indices(&result.biomarkers, &Traces::of(text), beat.cycle_length_ms)
+    };
+    let posterior = ventricle.posterior().filter(|_| !args.no_band);
+    let bands = match posterior {
+        Some(posterior) => {
+            let beats = args.beats.map_or(PERIODIC, |n| BeatCount::Fixed { n });
+            let twin = ventricle.beat_of_twin("predict", beats)?;
+            bands::of(posterior, &twin, changes, reduced, worker)?
+        }
+        None => Bands::new(),
+    };
+    let mut indices = side_by_side(
+        &of(own, &own_traces, &before),
+        &of(&result_before, &traces_before, &before),
+        &of(&result_after, &traces_after, &after),
+    );
+    // Bands are changes of the twin's own value, as the prediction is. They include it, because the
+    // twin's parameters serve the measurements, too, where the draws lie to one side of them.
+    for index in &mut indices {
+        index.band = bands
+            .get(index.name)
+            .zip(index.twin.zip(index.predicted))
+            .map(|(band, (twin, predicted))| {
+                let [a, b] = band.map(|change| twin * (1.0 + change));
+                [a.min(b).min(predicted), a.max(b).max(predicted)]
+            });
+    }
+    let mut remarks: Vec<String> = changes
+        .iter()
+        .filter_map(Change::remark)
+        .map(str::to_owned)
+        .collect();
+    let verdict = ventricle.verdict();
+    if let Some(verdict) = verdict.filter(|verdict| !verdict.personalised) {
+        remarks.push(format!(
+            "the twin is not personalised ({verdict}): its predictions have errors of this size, \
+             too"
+        ));
+    }
+    if let Some(doubt) = posterior.and_then(|posterior| posterior.sampling.doubt()) {
+        remarks.push(format!("the intervals are only a rough estimate: {doubt}"));
+    }
+    for (word, result) in [("before", &result_before), ("after", &result_after)] {
+        if let Some(check) = result.failed_check() {
+            remarks.push(format!("{word}: {check}"));
+        }
+    }
+    let mut prediction = Prediction {
+        scenario,
+        patient,
+        changes: made,
+        ventricle: match (&before.organ, args.in_3d) {
+            (OrganSpec::FiniteElement(_), false) if law.is_some() => "organ's law",
+            (OrganSpec::Reduced { .. }, _) | (_, false) => "one-fibre",
+            (OrganSpec::FiniteElement(_), true) => "finite-element",
+            (OrganSpec::External(_), true) => "external",
+        },
+        beats: [result_before.beats, result_after.beats],
+        periodic: args.beats.is_some() || (result_before.periodic && result_after.periodic),
+        personalised: verdict.is_some_and(|verdict| verdict.personalised),
+        indices,
+        remarks,
+        files: Vec::new(),
+    };
+    if !prediction.periodic {
+        let [a, b] = prediction.beats;
+        prediction.remarks.push(format!(
+            "no periodic state after {a} and {b} beats: the values still drift"
+        ));
+    }
+    if let Some(folder) = &args.out {
+        let after = curve::predicted(&traces_after, &prediction.indices);
+        write(folder, &mut prediction, &own_traces, &after)?;
+    }
+    Ok(prediction)
+}
+
+/// Samples of the organ's law in a temporary file, for the worker.
+struct LawSamplesFile {
+    path: PathBuf,
+    _folder: TempDir,
+}
+
+impl LawSamplesFile {
+    /// The law of a finite-element twin; `None` for other twins.
+    fn of(ventricle: &Ventricle) -> Result<Option<Self>, CliError> {
+        let Some(samples) = ventricle.law() else {
+            return Ok(None);
+        };
+        let folder = tempfile::tempdir()
+            .map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
+        let path = folder.path().join("law.json");
+        let text = serde_json::to_string(&samples).map_err(|error| CliError::Io {
+            what: "cannot write JSON",
+            source: error.into(),
+        })?;
+        std::fs::write(&path, text).map_err(CliError::file("write", &path))?;
+        Ok(Some(Self {
+            path,
+            _folder: folder,
+        }))
+    }
+}
+
+fn side_by_side(
+    twin: &[(&'static str, f64)],
+    before: &[(&'static str, f64)],
+    after: &[(&'static str, f64)],
+) -> Vec<Predicted> {
+    let of = |values: &[(&str, f64)], name: &str| {
+        values
+            .iter()
+            .find(|(n, _)| *n == name)
+            .map(|(_, value)| *value)
+    };
+    let row = |name: &'static str| {
+        let (own, a, b) = (of(twin, name), of(before, name), of(after, name));
+        let relative_change = a
+            .zip(b)
+            .map(|(a, b)| (b - a) / a)
+            .filter(|change| change.is_finite());
+        let predicted = own
+            .zip(relative_change)
+            .map(|(own, change)| own * (1.0 + change));
+        Predicted {
+            name,
+            twin: own,
+            relative_change,
+            predicted,
+            band: None,
+            simulated_before: a,
+            simulated_after: b,
+        }
+    };
+    before.iter().map(|(name, _)| row(name)).collect()
+}
+
+/// Writes traces, plot and prediction, each file completely or not at all.
+fn write(
+    folder: &Path,
+    prediction: &mut Prediction,
+    before: &str,
+    after: &str,
+) -> Result<(), CliError> {
+    std::fs::create_dir_all(folder).map_err(CliError::file("create", folder))?;
+    let stem = match &prediction.scenario {
+        Some(scenario) => format!("{scenario}-{}", prediction.patient),
+        None => prediction.patient.clone(),
+    };
+    let lines = |text: &str| {
+        let traces = Traces::of(text);
+        BeatLines {
+            pressure: traces.points("time_ms", "pressure_mmHg"),
+            volume: traces.points("time_ms", "volume_mL"),
+            pv_loop: traces.points("volume_mL", "pressure_mmHg"),
+        }
+    };
+    let said: Vec<String> = prediction.changes.iter().map(words).collect();
+    let headline = format!("{}: twin's own beat, and predicted", prediction.patient);
+    let json = serde_json::to_string_pretty(&*prediction).map_err(|error| CliError::Io {
+        what: "cannot write JSON",
+        source: error.into(),
+    })?;
+    let files = [
+        (format!("{stem}-before.csv"), before.to_owned()),
+        (format!("{stem}-after.csv"), after.to_owned()),
+        (
+            format!("{stem}.svg"),
+            figure(&headline, &said, &lines(before), &lines(after)),
+        ),
+        (format!("{stem}.json"), json + "\n"),
+    ];
+    for (name, text) in files {
+        let path = folder.join(name);
+        atomic::replace(&path, |out| out.write_all(text.as_bytes()))
+            .map_err(CliError::file("write", &path))?;
+        prediction.files.push(path);
+    }
+    Ok(())
+}
+
+fn words(changed: &Changed) -> String {
+    format!(
+        "{}: {} → {}",
+        changed.key,
+        optional(Some(changed.before)),
+        optional(Some(changed.after))
+    )
+}
+
+/// Text of one prediction: changes, indices, remarks, files.
+fn screen(prediction: &Prediction, talk: &Talk) -> String {
+    let mut text: String = prediction
+        .changes
+        .iter()
+        .map(|changed| words(changed) + "\n")
+        .collect();
+    let mut table = Columns::new(
+        talk,
+        &["INDEX", ">TWIN", ">CHANGE", ">PREDICTED", ">5 %", ">95 %"],
+    );
+    for index in &prediction.indices {
+        let [low, high] = [0, 1].map(|end| optional(index.band.map(|band| band[end])));
+        let (change, predicted) = (percent(index.relative_change), optional(index.predicted));
+        let cells = [
+            index.name.to_owned(),
+            optional(index.twin),
+            change,
+            predicted,
+            low,
+            high,
+        ];
+        table.row(cells);
+    }
+    text += "\n";
+    text += &table.text();
+    let [a, b] = prediction.beats;
+    text += &format!(
+        "{} ventricle, {a} beats before and {b} after\n",
+        prediction.ventricle
+    );
+    prediction
+        .remarks
+        .iter()
+        .for_each(|remark| text += &format!("remark: {remark}\n"));
+    prediction
+        .files
+        .iter()
+        .for_each(|file| text += &format!("{}\n", file.display()));
+    text
+}
+
+/// Table of several predictions, one row per scenario and patient.
+fn overview(predictions: &[Prediction], talk: &Talk) -> String {
+    const SHOWN: [(&str, &str); 5] = [
+        ("P_max_mmHg", ">P_MAX"),
+        ("SV_mL", ">SV"),
+        ("ejection_fraction", ">EF"),
+        ("stroke_work_mJ", ">STROKE WORK"),
+        ("aortic_mean_mmHg", ">AORTIC MEAN"),
+    ];
+    let mut headings = vec!["SCENARIO", "PATIENT"];
+    headings.extend(SHOWN.map(|(_, heading)| heading));
+    let mut table = Columns::new(talk, &headings);
+    for prediction in predictions {
+        let cell = |name: &str| {
+            let found = prediction.indices.iter().find(|index| index.name == name);
+            found.map_or_else(
+                || "-".to_owned(),
+                |index| {
+                    format!(
+                        "{} ({})",
+                        optional(index.predicted),
+                        percent(index.relative_change)
+                    )
+                },
+            )
+        };
+        let mut row = vec![
+            prediction.scenario.clone().unwrap_or_default(),
+            prediction.patient.clone(),
+        ];
+        row.extend(SHOWN.map(|(name, _)| cell(name)));
+        table.row(row);
+    }
+    let mut text = table.text()
+        + "predicted values, with the change between both periodic states in \
+                        brackets\n";
+    for prediction in predictions {
+        prediction
+            .remarks
+            .iter()
+            .for_each(|remark| text += &format!("{}: {remark}\n", prediction.patient));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_change_between_periodic_states_is_carried_over_to_the_twin_s_beat() {
+        let found = side_by_side(
+            &[("SV_mL", 60.0), ("P_max_mmHg", 110.0)],
+            &[("SV_mL", 50.0), ("EDP_mmHg", 8.0)],
+            &[("SV_mL", 55.0), ("EDP_mmHg", 9.0)],
+        );
+        assert_eq!(
+            found.len(),
+            2,
+            "what the simulated ventricle does not have is not predicted"
+        );
+        assert!(
+            (found[0].predicted.unwrap() - 66.0).abs() < 1e-9
+                && found[0].relative_change == Some(0.1)
+        );
+        assert_eq!((found[1].twin, found[1].predicted), (None, None));
+    }
+}

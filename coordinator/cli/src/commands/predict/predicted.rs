@@ -1,0 +1,23 @@
+//! An index of a twin with its prediction.
+
+use serde::Serialize;
+
+/// An index of the twin and its prediction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Predicted {
+    /// Name of the index, with its unit.
+    pub name: &'static str,
+    /// Value in the twin's own beat.
+    pub twin: Option<f64>,
+    /// (after − before) / before of the periodic states.
+    pub relative_change: Option<f64>,
+    /// The twin's value with `relative_change` applied.
+    pub predicted: Option<f64>,
+    /// 5th and 95th percentile of the predictions on draws of the twin's posterior, which include
+    /// `predicted`; `None` without enough draws.
+    pub band: Option<[f64; 2]>,
+    /// Value in the periodic state of the simulated ventricle before the change.
+    pub simulated_before: Option<f64>,
+    /// Value in the periodic state of the simulated ventricle after the change.
+    pub simulated_after: Option<f64>,
+}

@@ -1,0 +1,176 @@
+//! Words of the status: the table, its rows, and the counts below it.
+
+use cardiotwin_schemas::status::{
+    ClusterStatus, JobState, PatientState, PatientStatus, RefusedPatient, Status,
+};
+
+use crate::table::{Columns, duration, optional};
+use crate::talk::{Talk, Tone};
+
+/// Headings of the columns after the first. `>` stands before those of numbers.
+pub const COLUMNS: [&str; 6] = [
+    "STEP",
+    "STATE",
+    "ITERATION",
+    ">COST",
+    ">TIME IN STATE",
+    "NOTE",
+];
+/// Largest length of a note, characters.
+const LONGEST_NOTE: usize = 100;
+
+/// The table with counts and time stamp. `member` is the heading of its first column.
+pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String {
+    let headings: Vec<&str> = std::iter::once(member).chain(COLUMNS).collect();
+    let mut table = Columns::new(talk, &headings);
+    for refused in &status.refused {
+        table.toned(refused_row(refused));
+    }
+    for patient in status.patients.iter().take(rows) {
+        table.toned(row(patient));
+    }
+    let mut text = table.text();
+    // `patients` may hold only the rows that were read, whereas the counts cover all members.
+    let all = usize::try_from(status.counts.values().sum::<u64>()).unwrap_or(usize::MAX);
+    if all > rows {
+        text.push_str(&format!(
+            "… {} more; --all shows all, --failed only the failed ones\n",
+            all - rows
+        ));
+    }
+    text.push_str(&counted(status));
+    text.push_str(&status.cluster.as_ref().map(of_cluster).unwrap_or_default());
+    text
+}
+
+/// The number of patients in each state, and whether a coordinator is running.
+pub fn counted(status: &Status) -> String {
+    let mut counts: Vec<String> = status
+        .counts
+        .iter()
+        .filter(|(_, n)| **n > 0)
+        .map(|(state, n)| format!("{n} {state}"))
+        .collect();
+    if !status.refused.is_empty() {
+        counts.push(format!("{} refused", status.refused.len()));
+    }
+    let counts = if counts.is_empty() {
+        "no patients".to_owned()
+    } else {
+        counts.join(", ")
+    };
+    let coordinator = if status.coordinator_running {
+        "a coordinator is running"
+    } else {
+        "no coordinator is running"
+    };
+    format!(
+        "{}: {counts}; {coordinator}; as of {}\n",
+        status.cohort, status.as_of
+    )
+}
+
+/// State and charge of the jobs, and the age of this information.
+pub fn of_cluster(cluster: &ClusterStatus) -> String {
+    let running = cluster
+        .jobs
+        .iter()
+        .filter(|job| job.state == JobState::Running)
+        .count();
+    let age = match cluster.as_of.is_empty() {
+        true => "the queue has never answered".to_owned(),
+        false => format!("the queue answered {} ago", duration(cluster.age_s)),
+    };
+    let charge = match cluster.charge > 0.0 {
+        true => format!(" ({:.2} {})", cluster.charge, cluster.charge_unit),
+        false => String::new(),
+    };
+    let mut text = format!(
+        "{}: {running} jobs running, {} pending; {:.2} node-hours so far{charge}, about {:.2} to \
+         come; {age}\n",
+        cluster.site,
+        cluster.jobs.len() - running,
+        cluster.node_hours,
+        cluster.node_hours_left,
+    );
+    for (what, why) in [("no answer", &cluster.no_answer), ("holds", &cluster.holds)] {
+        if let Some(why) = why {
+            text.push_str(&format!("{what}: {why}\n"));
+        }
+    }
+    text
+}
+
+/// Row of a patient whose files have errors.
+pub fn refused_row(refused: &RefusedPatient) -> Vec<(String, Option<Tone>)> {
+    let more = match refused.errors.len() {
+        0 | 1 => String::new(),
+        n => format!("; {} more", n - 1),
+    };
+    let first = refused.errors.first().map_or("", String::as_str);
+    vec![
+        (refused.patient.clone(), None),
+        ("input".to_owned(), None),
+        ("refused".to_owned(), Some(Tone::Bad)),
+        ("-".to_owned(), None),
+        ("-".to_owned(), None),
+        ("-".to_owned(), None),
+        (format!("[input] {}{more}", shortened(first)), None),
+    ]
+}
+
+pub fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
+    let tone = match patient.state {
+        PatientState::Failed => Some(Tone::Bad),
+        PatientState::Unknown | PatientState::Cancelled => Some(Tone::Doubtful),
+        // A verified twin outside of the tolerances is done, but nothing to be glad of.
+        PatientState::Done if patient.is_off() => Some(Tone::Doubtful),
+        PatientState::Done => Some(Tone::Good),
+        PatientState::Waiting => Some(Tone::Quiet),
+        PatientState::Running => None,
+    };
+    let stalled = patient
+        .step1_quality
+        .as_deref()
+        .filter(|quality| quality.starts_with("stalled"));
+    let mut note = Vec::new();
+    note.extend(
+        stalled
+            .filter(|quality| !patient.note.contains(*quality))
+            .map(str::to_owned),
+    );
+    if let Some(class) = patient.failure_class {
+        note.push(format!("[{}] {}", class.as_str(), patient.note));
+    } else if !patient.note.is_empty() {
+        note.push(patient.note.clone());
+    }
+    let cost = patient.step2_cost.or(patient.step1_cost);
+    vec![
+        (patient.patient.clone(), None),
+        (patient.step_shown().to_owned(), None),
+        (patient.state.to_string(), tone),
+        (
+            patient
+                .iteration
+                .map_or("-".to_owned(), |(now, limit)| format!("{now}/{limit}")),
+            None,
+        ),
+        (optional(cost), None),
+        (duration(patient.for_s), None),
+        (shortened(&note.join("; ")), stalled.map(|_| Tone::Doubtful)),
+    ]
+}
+
+/// The note, cut so that it fits beside the other columns. `show` and `--json` print it in full.
+fn shortened(note: &str) -> String {
+    if note.chars().count() <= LONGEST_NOTE {
+        return note.to_owned();
+    }
+    format!(
+        "{}…",
+        note.chars()
+            .take(LONGEST_NOTE - 1)
+            .collect::<String>()
+            .trim_end()
+    )
+}

@@ -1,0 +1,7 @@
+//! The program `cardiotwin`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cardiotwin::main()
+}

@@ -1,0 +1,499 @@
+//! Places waiting patients into jobs, packed for the site and within its limits.
+
+use std::collections::{BTreeMap, HashSet};
+
+use cardiotwin_schemas::allocation::Steps;
+use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::settings::ExecutorSettings;
+use cardiotwin_slurm::access::Scheduler;
+use cardiotwin_slurm::answers::queue::QueueRow;
+use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
+use cardiotwin_slurm::site::{Queue, Site, Unit};
+use cardiotwin_slurm::state::Bearing;
+use cardiotwin_store::cluster_jobs::{Allotment, JobSpec, Placed};
+use cardiotwin_workflow::patient::Patient;
+use cardiotwin_workflow::task::Task;
+
+use super::share::Share;
+use super::{Cluster, Expectations};
+use crate::EngineError;
+use crate::books::Books;
+
+/// A job that would be submitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedJob {
+    /// Resources and patients of the job.
+    pub spec: JobSpec,
+    /// Patients of each element, as indices into the books' patients.
+    pub patients: Vec<Vec<usize>>,
+    /// Expected working time of an element, s.
+    pub predicted_s: f64,
+    /// Whether the job belongs to this wave. Other jobs are submitted once earlier ones have ended.
+    pub now: bool,
+}
+
+/// Key of a group of patients whose jobs get the same resources.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+struct Like {
+    share: Share,
+    memory_mib: Option<u64>,
+    lanes: Option<u32>,
+    exclude: Vec<String>,
+}
+
+impl<S: Scheduler> Cluster<S> {
+    /// Packs waiting patients into jobs and puts these with their names into the next commit.
+    pub(super) fn place(&mut self) -> Result<(), EngineError> {
+        self.books.jobs_mut().set_holds(None);
+        let waiting = waiting(&self.books);
+        self.report.node_hours_left = 0.0;
+        self.report.finish_after_s = None;
+        if waiting.is_empty() {
+            self.hold(None);
+            return Ok(());
+        }
+        let Some(queue) = &self.queue else {
+            // Limits apply to all jobs of the user, so without an answer the free room is unknown.
+            let why = self.report.no_answer.clone().unwrap_or_default();
+            self.hold(Some(format!(
+                "no job is submitted until the queue answers: {why}"
+            )));
+            return Ok(());
+        };
+        let (rows, intended) = (queue.rows.clone(), self.intended());
+        // Jobs whose names are committed but which are not yet in the queue take room, too.
+        let in_use = |queue: &Queue| in_use(queue, &rows, intended);
+        let expected = Expectations::of(&self.books, &self.settings, &self.mesh_sizes);
+        let jobs = plan_jobs(
+            &self.books,
+            &waiting,
+            &self.site,
+            &self.settings,
+            &expected,
+            &in_use,
+        )?;
+        self.report.node_hours_left = jobs.iter().map(|job| job.spec.expected_node_hours).sum();
+        self.report.finish_after_s = jobs.iter().map(|job| job.predicted_s).reduce(f64::max);
+        let later: usize = jobs
+            .iter()
+            .filter(|job| !job.now)
+            .map(|job| job.patients.iter().map(Vec::len).sum::<usize>())
+            .sum();
+        for job in jobs.into_iter().filter(|job| job.now) {
+            let name = self.fresh_name();
+            self.books.intend_job(name, job.spec);
+        }
+        self.hold(
+            (later > 0)
+                .then(|| format!("{later} patients wait until jobs have ended: the queue is full")),
+        );
+        Ok(())
+    }
+
+    /// Reads how large the meshes of patients are who may be placed in jobs.
+    ///
+    /// - `frees`: whether jobs ended, whose patients may want a place
+    pub(super) fn learn_mesh_sizes(&mut self, frees: bool) -> Result<(), EngineError> {
+        for (i, patient) in self.books.patients().iter().enumerate() {
+            let may_want = frees && patient.selected && !patient.row.state.is_final();
+            if may_want || wants_place(&self.books, i) {
+                self.mesh_sizes.learn(self.books.plan(i)?);
+            }
+        }
+        Ok(())
+    }
+
+    fn intended(&self) -> u32 {
+        use cardiotwin_workflow::cluster_job::Submission;
+        let rows = self
+            .books
+            .jobs()
+            .rows()
+            .values()
+            .filter(|row| row.state.submission == Submission::Intended);
+        u32::try_from(rows.map(|row| row.spec.elements.len()).sum::<usize>()).unwrap_or(u32::MAX)
+    }
+
+    pub(super) fn hold(&mut self, why: Option<String>) {
+        self.report.holds.clone_from(&why);
+        self.books.jobs_mut().set_holds(why);
+    }
+
+    /// A name that no job has had: cohort, time, process id and a counter.
+    fn fresh_name(&mut self) -> String {
+        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+        let run = self
+            .books
+            .run_dir()
+            .parent()
+            .and_then(|p| p.file_name())
+            .unwrap_or_default()
+            .to_string_lossy();
+        let cohort: String = run.chars().map(plain).take(24).collect();
+        loop {
+            self.names += 1;
+            let (now_ms, pid, n) = (self.books.now_ms(), std::process::id(), self.names);
+            let name = format!("ct-{cohort}-{now_ms:x}-{pid:x}-{n:x}");
+            if !self.books.jobs().rows().contains_key(&name) {
+                return name;
+            }
+        }
+    }
+}
+
+/// Share of a queue's limits that the user's jobs take, whether they belong to this run or not.
+pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
+    let mut used = InUse {
+        queued: intended,
+        ..InUse::default()
+    };
+    for row in rows
+        .iter()
+        .filter(|row| queue.qos.as_ref().is_none_or(|qos| row.qos == *qos))
+    {
+        let bearing = row.state.bearing();
+        used.queued += u32::from(bearing != Bearing::Ended);
+        if bearing == Bearing::Running {
+            used.running += 1;
+            used.nodes += row.n_nodes.unwrap_or(1);
+            used.cores += row.n_cores.unwrap_or(1);
+        }
+    }
+    used
+}
+
+/// Whether a patient waits for a place in a job.
+pub fn wants_place(books: &Books, i: usize) -> bool {
+    let patient = books.patient(i);
+    let open = |key: &TaskKey| {
+        books
+            .task(key)
+            .is_some_and(|task| matches!(task.state, Task::Open { .. }))
+    };
+    patient.selected
+        && !books.jobs().placed().contains_key(&patient.row.id)
+        && present_task(books, i).is_some_and(|key| open(&key))
+}
+
+/// Task that a patient waits for.
+pub fn present_task(books: &Books, i: usize) -> Option<TaskKey> {
+    match &books.patient(i).row.state {
+        Patient::Working { task, .. } => Some(task.clone()),
+        _ => None,
+    }
+}
+
+/// Patients that want a place, one per task: patients that want the same task wait for the same
+/// job.
+pub fn waiting(books: &Books) -> Vec<usize> {
+    let is_placed = |i: &usize| {
+        books
+            .jobs()
+            .placed()
+            .contains_key(&books.patient(*i).row.id)
+    };
+    let placed = (0..books.patients().len()).filter(is_placed);
+    let mut tasks: HashSet<TaskKey> = placed.filter_map(|i| present_task(books, i)).collect();
+    let mut waiting: Vec<usize> = (0..books.patients().len())
+        .filter(|i| wants_place(books, *i))
+        .collect();
+    waiting.sort_by_key(|i| books.patient(*i).row.position);
+    waiting.retain(|i| present_task(books, *i).is_some_and(|key| tasks.insert(key)));
+    waiting
+}
+
+/// Packs patients into jobs.
+///
+/// # Errors
+/// [`EngineError::Site`] if the site has no queue for the work, or a patient fits into no job.
+pub fn plan_jobs(
+    books: &Books,
+    patients: &[usize],
+    site: &Site,
+    settings: &ExecutorSettings,
+    expected: &Expectations,
+    in_use: &dyn Fn(&Queue) -> InUse,
+) -> Result<Vec<PlannedJob>, EngineError> {
+    let mut groups: BTreeMap<Like, Vec<usize>> = BTreeMap::new();
+    for &i in patients {
+        let plan = books.plan(i)?;
+        let Allotment {
+            memory_mib,
+            lanes,
+            ranks_per_node,
+            exclude,
+            ..
+        } = books.jobs().allotment(books.patient(i).row.id);
+        let mesh_nodes = expected.mesh_nodes(plan);
+        let like = Like {
+            share: Share::of(plan, mesh_nodes, site, settings, ranks_per_node),
+            memory_mib,
+            lanes,
+            exclude,
+        };
+        groups.entry(like).or_default().push(i);
+    }
+    let mut jobs = Vec::new();
+    let mut taken = InUse::default();
+    for (like, patients) in groups {
+        let queue = like
+            .share
+            .queue(site, settings)
+            .map_err(|error| EngineError::Site {
+                message: error.to_string(),
+            })?;
+        let mut used = in_use(queue);
+        used.queued += taken.queued;
+        let group = Group {
+            books,
+            site,
+            queue,
+            settings,
+            expected,
+            like: &like,
+            used,
+        };
+        let planned = if like.share.in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
+            group.bundles(&patients)?
+        } else {
+            group.chunks(&patients)?
+        };
+        taken.queued += u32::try_from(
+            planned
+                .iter()
+                .filter(|j| j.now)
+                .map(|j| j.patients.len())
+                .sum::<usize>(),
+        )
+        .unwrap_or(u32::MAX);
+        jobs.extend(planned);
+    }
+    Ok(jobs)
+}
+
+struct Group<'a> {
+    books: &'a Books,
+    site: &'a Site,
+    queue: &'a Queue,
+    settings: &'a ExecutorSettings,
+    expected: &'a Expectations,
+    like: &'a Like,
+    used: InUse,
+}
+
+impl Group<'_> {
+    fn choices(&self) -> Choices {
+        let slurm = &self.settings.slurm;
+        let bundle_nodes = Some(slurm.bundle_nodes).filter(|n| *n > 0);
+        // Time to start and to end, plus the warning, which Slurm may send a minute early.
+        let overhead_s = 2 * (slurm.warning_s + 60);
+        Choices {
+            good_length_s: slurm.job_s,
+            bundle_nodes,
+            overhead_s,
+            ..Choices::default()
+        }
+    }
+
+    fn rest_s(&self, i: usize) -> Result<f64, EngineError> {
+        Ok(self
+            .expected
+            .rest_s(self.books.plan(i)?, &self.books.patient(i).chain))
+    }
+
+    /// Number of patients side by side on a whole node.
+    fn lanes(&self) -> u32 {
+        let processes = self
+            .like
+            .share
+            .ranks_per_node
+            .unwrap_or(self.site.node.cores);
+        let fit = (processes / self.like.share.threads.max(1)).max(1);
+        self.like.lanes.unwrap_or(fit).clamp(1, fit)
+    }
+
+    /// Steps of MPI ranks, if simulations run on ranks.
+    fn steps(&self) -> Option<Steps> {
+        self.like.share.ranks_per_node.map(|_| Steps {
+            nodes: self.like.share.nodes(),
+            memory_mib: self
+                .site
+                .launcher
+                .memory_of_share_mib(self.site.node, self.lanes()),
+        })
+    }
+
+    fn refused(&self, error: &plan::PlanError) -> EngineError {
+        EngineError::Site {
+            message: format!("site {}: {error}", self.site.name),
+        }
+    }
+
+    fn placed(&self, i: usize) -> Placed {
+        let patient = self.books.patient(i);
+        let plan = self.books.jobs().allotment(patient.row.id).plans;
+        Placed {
+            patient_id: patient.row.id,
+            settled: patient.chain.steps().count(),
+            plan,
+        }
+    }
+
+    fn spec(
+        &self,
+        elements: &[Vec<usize>],
+        is_array: bool,
+        n_nodes: u32,
+        walltime_s: u64,
+    ) -> JobSpec {
+        let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
+        let lanes = if whole_nodes { self.lanes() } else { 1 };
+        let n_cores = if whole_nodes {
+            self.site.node.cores
+        } else {
+            self.like.share.threads.div_ceil(n_nodes.max(1))
+        };
+        let memory_mib = self
+            .like
+            .memory_mib
+            .unwrap_or(self.settings.slurm.memory_mib)
+            * u64::from(lanes);
+        JobSpec {
+            queue: self.queue.name.clone(),
+            qos: self.queue.qos.clone(),
+            is_array,
+            at_once: None,
+            n_nodes,
+            n_cores,
+            memory_mib: (!whole_nodes).then_some(memory_mib.min(self.site.node.memory_mib)),
+            lanes,
+            threads: self.like.share.threads,
+            steps: self.steps(),
+            walltime_s,
+            expected_node_hours: 0.0,
+            nodes_charged: if whole_nodes {
+                f64::from(n_nodes)
+            } else {
+                f64::from(n_cores * n_nodes) / f64::from(self.site.node.cores)
+            },
+            exclude: self.like.exclude.clone(),
+            elements: elements
+                .iter()
+                .map(|list| list.iter().map(|&i| self.placed(i)).collect())
+                .collect(),
+        }
+    }
+
+    /// Packs simulations into jobs of many whole nodes, with as many on each node as its cores
+    /// allow. Every node takes the next patient when it is free.
+    fn bundles(&self, patients: &[usize]) -> Result<Vec<PlannedJob>, EngineError> {
+        let mut rests = Vec::with_capacity(patients.len());
+        for &i in patients {
+            rests.push((self.rest_s(i)?, i));
+        }
+        // Patients of similar length share a node, so that none waits long for the last of them.
+        rests.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let loads: Vec<&[(f64, usize)]> = rests.chunks(self.lanes() as usize).collect();
+        // A load takes whole nodes, whatever the number of its ranks.
+        let ranks = self.site.node.cores * self.steps().map_or(1, |steps| steps.nodes);
+        let simulations: Vec<Simulation> = (loads.iter().enumerate())
+            .map(|(n, load)| Simulation {
+                task: n.to_string(),
+                ranks,
+                predicted_s: load[0].0,
+                has_checkpoints: true,
+            })
+            .collect();
+        let bundles = plan::bundles(
+            &simulations,
+            self.site,
+            self.queue,
+            self.used,
+            &self.choices(),
+        );
+        let bundles = bundles.map_err(|error| self.refused(&error))?;
+        Ok(bundles
+            .into_iter()
+            .map(|bundle| {
+                let order = bundle
+                    .order()
+                    .into_iter()
+                    .filter_map(|task| task.parse::<usize>().ok());
+                let list: Vec<usize> = order
+                    .flat_map(|n| loads[n].iter().map(|(_, i)| *i))
+                    .collect();
+                let mut spec = self.spec(
+                    std::slice::from_ref(&list),
+                    false,
+                    bundle.n_nodes,
+                    bundle.walltime_s,
+                );
+                spec.expected_node_hours = bundle.node_hours;
+                PlannedJob {
+                    spec,
+                    patients: vec![list],
+                    predicted_s: bundle.predicted_s(),
+                    now: bundle.now,
+                }
+            })
+            .collect())
+    }
+
+    /// Packs work for single cores: many patients per element, many elements per array.
+    fn chunks(&self, patients: &[usize]) -> Result<Vec<PlannedJob>, EngineError> {
+        let mut rests = Vec::with_capacity(patients.len());
+        for &i in patients {
+            rests.push(self.rest_s(i)?);
+        }
+        let whole_nodes = self.queue.unit.unwrap_or(self.site.node.unit) == Unit::Node;
+        // Core time on a node: a patient takes as many cores as it has threads.
+        let share = if whole_nodes {
+            f64::from(self.like.share.threads)
+        } else {
+            1.0
+        };
+        let mean_s = rests.iter().sum::<f64>() / rests.len().max(1) as f64 * share;
+        let sweep = Sweep {
+            n_blocks: patients.len() as u64,
+            samples_per_block: 1,
+            s_per_sample: mean_s,
+        };
+        // A chunk may not be longer than a job. If a single chain is, its driver leaves off and
+        // continues in another job.
+        let mut choices = self.choices();
+        let longest_s =
+            self.queue.walltime_s().saturating_sub(choices.overhead_s) as f64 / choices.safety;
+        let sweep = Sweep {
+            s_per_sample: sweep.s_per_sample.min(longest_s.max(1.0)),
+            ..sweep
+        };
+        choices.good_length_s = choices.good_length_s.min(longest_s as u64).max(1);
+        let chunks = plan::chunks(&sweep, self.site, self.queue, self.used, &choices)
+            .map_err(|e| self.refused(&e))?;
+        Ok(chunks
+            .arrays
+            .iter()
+            .map(|array| {
+                let lists: Vec<Vec<usize>> = (array.first..array.first + u64::from(array.n))
+                    .map(|chunk| {
+                        chunks
+                            .blocks(chunk)
+                            .filter_map(|block| patients.get(usize::try_from(block).ok()?).copied())
+                            .collect()
+                    })
+                    .collect();
+                let n_nodes = self.steps().map_or(1, |steps| steps.nodes);
+                let mut spec = self.spec(&lists, array.n > 1, n_nodes, chunks.walltime_s);
+                spec.at_once = array.at_once;
+                spec.expected_node_hours =
+                    chunks.node_hours * f64::from(array.n) / chunks.n_chunks.max(1) as f64;
+                PlannedJob {
+                    spec,
+                    patients: lists,
+                    predicted_s: chunks.predicted_s,
+                    now: array.now,
+                }
+            })
+            .collect())
+    }
+}

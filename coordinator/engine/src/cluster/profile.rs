@@ -1,0 +1,161 @@
+//! Profiles of sites: shipped ones by name, others by path, refined by the limits that the site
+//! reports.
+
+use cardiotwin_input_files::{self as input_files, MaxBytes};
+use cardiotwin_schemas::settings::SlurmSettings;
+use cardiotwin_slurm::access::Scheduler;
+use cardiotwin_slurm::answers::{Exit, Output, config, qos};
+use cardiotwin_slurm::commands;
+use cardiotwin_slurm::site::{Scheduler as Kind, Site};
+use cardiotwin_store::Writer;
+
+use super::Cluster;
+use super::place::waiting;
+use crate::EngineError;
+
+const SHIPPED: [(&str, &str); 3] = [
+    (
+        "archer2",
+        include_str!("../../../../deploy/sites/archer2.toml"),
+    ),
+    (
+        "generic",
+        include_str!("../../../../deploy/sites/generic.toml"),
+    ),
+    (
+        "laptop",
+        include_str!("../../../../deploy/sites/laptop.toml"),
+    ),
+];
+/// Time after which the site is asked for its limits again, ms.
+const TOLD_FOR_MS: i64 = 24 * 3600 * 1000;
+/// Keys of the site's answers among the store's single values.
+const TOLD: [&str; 3] = ["site_told_ms", "site_config", "site_qos"];
+
+/// Loads the profile that the settings name.
+///
+/// # Errors
+/// [`EngineError::Site`] with the file and the key at fault.
+pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
+    let name = &settings.site;
+    let wrong = |message: String| EngineError::Site { message };
+    let read =
+        |file: &str, text: &str| Site::read(file, text).map_err(|error| wrong(error.to_string()));
+    let mut site = match SHIPPED.iter().find(|(shipped, _)| shipped == name) {
+        Some((file, text)) => read(file, text)?,
+        None => {
+            let text = input_files::read_text(name.as_ref(), MaxBytes::TEXT).map_err(|error| {
+                let known = SHIPPED.map(|(name, _)| name).join(", ");
+                wrong(format!(
+                    "executor.slurm.site is `{name}`, which is neither a readable file \
+                               ({error}) nor one of {known}"
+                ))
+            })?;
+            read(name, &text)?
+        }
+    };
+    if site.scheduler != Kind::Slurm {
+        return Err(wrong(format!(
+            "site {name} has no Slurm: use executor.kind = \"local\" there, or another site"
+        )));
+    }
+    if let Some(walltime) = &settings.walltime {
+        let limit = cardiotwin_slurm::walltime::parse(walltime);
+        let Some(cardiotwin_slurm::walltime::Limit::Seconds(seconds)) = limit else {
+            return Err(wrong(format!(
+                "executor.slurm.walltime is `{walltime}`, expected a time such as \"04:00:00\""
+            )));
+        };
+        for queue in &mut site.queue {
+            if seconds < queue.walltime_s() {
+                walltime.clone_into(&mut queue.walltime);
+            }
+        }
+    }
+    if let Some(name) = settings
+        .queue
+        .as_ref()
+        .filter(|name| site.queue.iter().all(|queue| queue.name != **name))
+    {
+        let known: Vec<&str> = site.queue.iter().map(|queue| queue.name.as_str()).collect();
+        return Err(wrong(format!(
+            "executor.slurm.queue is `{name}`; site {} has {}",
+            site.name,
+            known.join(", ")
+        )));
+    }
+    if site.needs_account && settings.account.is_none() {
+        return Err(wrong(format!(
+            "site {} needs an account: set executor.slurm.account",
+            site.name
+        )));
+    }
+    Ok(site)
+}
+
+impl<S: Scheduler> Cluster<S> {
+    /// Asks for the site's limits where patients are about to be placed in jobs.
+    ///
+    /// - `has_ends`: whether jobs ended, whose patients may wait for another one
+    pub(super) async fn ask_for_limits(&mut self, has_ends: bool) -> Result<(), EngineError> {
+        if has_ends || !waiting(&self.books).is_empty() {
+            self.discover().await?;
+        }
+        Ok(())
+    }
+
+    /// Refines the profile by the limits that the site reports. The site is asked once a day, since
+    /// these hardly change.
+    async fn discover(&mut self) -> Result<(), EngineError> {
+        let meta = self.writer.meta().await?;
+        let value = |key: &str| meta.get(key).cloned().unwrap_or_default();
+        let told_ms: i64 = value(TOLD[0]).parse().unwrap_or(0);
+        let said = |stdout: String| Output {
+            exit: Exit::Code(0),
+            stdout,
+            stderr: String::new(),
+        };
+        let (config, qos) = if self.books.now_ms() - told_ms < TOLD_FOR_MS {
+            (said(value(TOLD[1])), said(value(TOLD[2])))
+        } else {
+            let config = self.run_command(&commands::config()).await?;
+            let qos = self.run_command(&commands::qos()).await?;
+            // If the site did not answer, it is asked again at the next tick.
+            if config.exit == Exit::Code(0) {
+                remember(
+                    &mut self.writer,
+                    self.books.now_ms(),
+                    &config.stdout,
+                    &qos.stdout,
+                )
+                .await?;
+            }
+            (config, qos)
+        };
+        let config = config::read(&config).ok();
+        let rows = qos::read(&qos).map(|table| table.rows).unwrap_or_default();
+        self.site.discover(config.as_ref(), &rows);
+        Ok(())
+    }
+}
+
+/// Refines a profile by the limits that the site reports now. Returns what this changed.
+pub async fn discover_now(site: &mut Site, scheduler: &mut impl Scheduler) -> Vec<String> {
+    let config = config::read(&scheduler.ask(&commands::config()).await).ok();
+    let rows = qos::read(&scheduler.ask(&commands::qos()).await)
+        .map(|table| table.rows)
+        .unwrap_or_default();
+    site.discover(config.as_ref(), &rows)
+}
+
+async fn remember(
+    writer: &mut Writer,
+    now_ms: i64,
+    config: &str,
+    qos: &str,
+) -> Result<(), EngineError> {
+    let now = now_ms.to_string();
+    Ok(writer
+        .set_meta(&[(TOLD[0], &now), (TOLD[1], config), (TOLD[2], qos)])
+        .await?)
+}

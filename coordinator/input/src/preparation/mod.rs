@@ -1,0 +1,131 @@
+//! Preparation of a patient's files from a folder of recordings, with a description of each step.
+
+mod afterload;
+mod facts;
+mod files;
+mod patient;
+mod steps;
+
+use cardiotwin_recordings::prepare::{PrepareError, Prepared, Raw, prepare};
+use cardiotwin_schemas::preparation::{BeatLeftOut, BeatsFound, Preparation};
+use cardiotwin_signals::checks::{Facts, contradictions};
+use cardiotwin_signals::{Problem, Quantity, Trace};
+
+pub use afterload::{EjectionFlow, EjectionFlowError, ejection_flow, table as afterload_table};
+pub use files::PREPARED;
+
+use crate::RawFolder;
+
+/// A patient prepared from recordings, before anything is written.
+#[derive(Debug, Clone)]
+pub struct Made {
+    /// Results of the steps.
+    pub prepared: Prepared,
+    /// Description of the results. The caller that writes the files fills in `written`.
+    pub answer: Preparation,
+    /// Contradictions among the results; with an error among them nothing should be written.
+    pub problems: Vec<Problem>,
+    /// Name and content of the files in the patient's folder. The caller adds `prepare.json` and
+    /// drawings.
+    pub files: Vec<(String, String)>,
+}
+
+/// Prepares a patient.
+///
+/// # Errors
+/// [`PrepareError`] if no beat can be made from the recordings.
+pub fn make(folder: &RawFolder, id: &str) -> Result<Made, PrepareError> {
+    let raw = Raw {
+        recording: folder.recording.clone(),
+        cine: folder.cine.clone(),
+        whole_heart: folder.file.whole_heart,
+    };
+    let prepared = prepare(&raw, &folder.file.steps)?;
+    let facts = facts::Facts::of(folder, &prepared);
+    let load = afterload::fit(folder, &prepared, &facts);
+    let mut warnings = steps::warnings(folder, &prepared);
+    warnings.extend(load.warning());
+    let patient_toml = patient::toml(id, folder, &prepared, &facts, &load);
+    let answer = Preparation {
+        schema_version: cardiotwin_schemas::formats::PREPARATION.version,
+        id: id.to_owned(),
+        files: folder.inputs.clone(),
+        cycle_length_ms: prepared.average.cycle_length_ms,
+        beats: beats(folder, &prepared),
+        steps: steps::done(folder, &prepared, &facts, &load),
+        warnings,
+        written: Vec::new(),
+        patient_toml: patient_toml.clone(),
+    };
+    let mut files = vec![("patient.toml".to_owned(), patient_toml)];
+    files.extend(files::tables(folder, &prepared));
+    let problems = contradictions_of(folder, &prepared, &facts, &load);
+    Ok(Made {
+        prepared,
+        answer,
+        problems,
+        files,
+    })
+}
+
+/// The rules of consistency that the results break.
+fn contradictions_of(
+    folder: &RawFolder,
+    prepared: &Prepared,
+    facts: &facts::Facts,
+    load: &afterload::Load,
+) -> Vec<Problem> {
+    let average = &prepared.average;
+    let pressure = average
+        .lv_pressure
+        .as_ref()
+        .and_then(|lv| Trace::uniform(Quantity::Pressure, average.step_ms, lv.mean.clone()).ok());
+    let volume = prepared.volume.as_ref().and_then(|volume| {
+        let frames = &volume.synchronised;
+        Trace::new(
+            Quantity::Volume,
+            frames.time_ms.clone(),
+            frames.volume_ml.clone(),
+        )
+        .ok()
+    });
+    let told = Facts {
+        cycle_ms: average.cycle_length_ms,
+        pressure: pressure.as_ref(),
+        volume: volume.as_ref(),
+        aorta: facts
+            .aortic
+            .map(|(systolic, diastolic, ..)| [systolic, diastolic]),
+        forward_ml: facts.forward.map(|(volume, ..)| volume),
+        windkessel: load.parameters(),
+        ..Facts::default()
+    };
+    let file = folder
+        .inputs
+        .first()
+        .map_or("the recordings", |input| input.file.as_str());
+    contradictions(&told, &folder.file.accept, std::path::Path::new(file))
+}
+
+fn beats(folder: &RawFolder, prepared: &Prepared) -> BeatsFound {
+    let begin = folder.recording.begin_ms;
+    let left_out: Vec<BeatLeftOut> = prepared
+        .judged()
+        .filter_map(|(number, beat, reasons)| {
+            Some(BeatLeftOut {
+                number,
+                onset_ms: begin + beat.onset_ms,
+                length_ms: beat.length_ms,
+                kind: reasons.first()?.kind().to_owned(),
+                reasons: reasons.iter().map(ToString::to_string).collect(),
+            })
+        })
+        .collect();
+    let found = prepared.found.beats.len();
+    BeatsFound {
+        source: steps::source_in_words(folder, prepared).to_owned(),
+        found,
+        kept: found - left_out.len(),
+        left_out,
+    }
+}

@@ -1,0 +1,236 @@
+//! The findings of a search in a paragraph: the missing effects, where they show in the beat, how sure
+//! they are, their rivals, the next measurement, and the changes for the patient.
+
+use cardiotwin_schemas::discover::{Discovered, IndexChange, RankedEffect, Unexplained};
+
+use super::words::{digits, place, plain, split_unit, strength, worst};
+
+/// Share of an index by which it changes at least where the paragraph tells it.
+const TOLD: f64 = 0.05;
+/// Share by which the gap on held-out data must fall to confirm an effect.
+const CONFIRMED: f64 = 0.02;
+/// Number of changed indices that the paragraph tells.
+const N_TOLD: usize = 4;
+
+/// The whole finding in a paragraph.
+#[must_use]
+pub fn summary(found: &Discovered) -> String {
+    let findings = &found.findings;
+    let sentences = match (&findings.unexplained, findings.accepted.as_slice()) {
+        (Some(gap), []) => vec![nameless(gap)],
+        (_, []) => vec![nothing(found)],
+        (_, names) => named(found, names),
+    };
+    sentences.join(" ")
+}
+
+fn nameless(gap: &Unexplained) -> String {
+    let lead = gap.depends_on.first().map_or(String::new(), |d| {
+        let share = 100.0 * d.share;
+        let variable = plain(&d.variable);
+        format!(
+            "; of the remaining {}, {variable} explains most ({share:.0} %)",
+            d.signal
+        )
+    });
+    let place = place(&gap.place);
+    format!(
+        "Model and data disagree, but no effect of the catalogue explains the gap: {place}{lead}."
+    )
+}
+
+/// Probability up to which chance does not explain the best candidate's evidence.
+const BY_CHANCE: f64 = 0.05;
+
+fn nothing(found: &Discovered) -> String {
+    let (gap, p) = (found.findings.gap_before, found.findings.p_value);
+    if p < BY_CHANCE {
+        // A small p and "nothing" contradict each other: something is there that no rule accepts.
+        return format!(
+            "Undecided: the base model follows the data to {gap:.2} times the noise, and the best candidate is better by more \
+             than chance ({}), but none is accepted.",
+            p_in_words(p)
+        );
+    }
+    format!(
+        "Nothing is missing: the base model follows the data to {gap:.2} times the noise, and no candidate is better by more \
+         than chance ({}).",
+        p_in_words(p)
+    )
+}
+
+/// A probability with two digits; it is never zero, because the number of draws bounds it.
+#[must_use]
+pub fn p_in_words(p: f64) -> String {
+    if p < 0.001 {
+        "p < 0.001".to_owned()
+    } else {
+        format!("p = {p:.3}")
+    }
+}
+
+fn named(found: &Discovered, names: &[String]) -> Vec<String> {
+    let effects: Vec<&RankedEffect> = (names.iter())
+        .filter_map(|name| found.findings.effects.iter().find(|e| e.name == *name))
+        .collect();
+    let told: Vec<String> = (effects.iter())
+        .map(|effect| {
+            let (name, strength) = (plain(&effect.name), strength(effect));
+            format!("{name}: {strength}, probability {:.2}", effect.probability)
+        })
+        .collect();
+    let places: Vec<String> = worst(found, 2).into_iter().map(place).collect();
+    let mut sentences = vec![
+        format!("The base model misses: {}.", told.join("; ")),
+        format!(
+            "Without it, model and data differ most in {}.",
+            places.join(" and in ")
+        ),
+        gap(found),
+    ];
+    sentences.extend(rivals(found));
+    sentences.extend(changes(found));
+    let artefacts: Vec<String> = (effects.iter())
+        .filter(|effect| effect.artefact)
+        .map(|effect| plain(&effect.name))
+        .collect();
+    if !artefacts.is_empty() {
+        let list = artefacts.join(", ");
+        sentences.push(format!(
+            "Correct this in the data, not in the heart: {list}."
+        ));
+    }
+    sentences
+}
+
+/// How far model and data are apart without and with the effects.
+fn gap(found: &Discovered) -> String {
+    let findings = &found.findings;
+    let held = match (findings.gap_heldout_before, findings.gap_heldout_after) {
+        // What does not reduce the gap on data that it was not fitted to may only follow their noise.
+        (Some(before), Some(after)) if after > (1.0 - CONFIRMED) * before => {
+            format!(
+                "; held-out data do not confirm it ({before:.2} without and {after:.2} with it)"
+            )
+        }
+        (Some(before), Some(after)) => {
+            format!(", and on held-out data from {before:.2} to {after:.2}")
+        }
+        _ => String::new(),
+    };
+    format!(
+        "Adding it reduces the gap from {:.2} to {:.2} times the noise{held}.",
+        findings.gap_before, findings.gap_after
+    )
+}
+
+/// Rivals that these data cannot exclude, and the measurements that would.
+fn rivals(found: &Discovered) -> Option<String> {
+    let findings = &found.findings;
+    if findings.confusable.is_empty() {
+        return None;
+    }
+    let rivals: Vec<String> = findings.confusable.iter().map(|name| plain(name)).collect();
+    let next = if findings.deciding_measurement.is_empty() {
+        String::new()
+    } else {
+        let list = findings.deciding_measurement.join("; ");
+        format!("; these measurements would decide: {list}")
+    };
+    Some(format!(
+        "These data cannot distinguish it from {}{next}.",
+        rivals.join(", ")
+    ))
+}
+
+/// Indices of the heart that are judged differently with the effects, the most changed first.
+fn changes(found: &Discovered) -> Option<String> {
+    let measured = |name: &str| {
+        // The same quantity among the measured biomarkers, whose names are short.
+        let short = match name {
+            "end_diastolic_pressure_mmHg" => "EDP_mmHg",
+            "end_diastolic_volume_mL" => "EDV_mL",
+            _ => return String::new(),
+        };
+        let gap = found.biomarkers.iter().find(|gap| gap.name == short);
+        gap.map_or(String::new(), |gap| {
+            format!(" (measured: {})", digits(gap.measured))
+        })
+    };
+    let mut list: Vec<&IndexChange> = (found.indices.iter())
+        .filter(|index| index.relative() >= TOLD)
+        .collect();
+    list.sort_by(|a, b| b.relative().total_cmp(&a.relative()));
+    list.truncate(N_TOLD);
+    let told: Vec<String> = (list.into_iter())
+        .map(|index| {
+            let (label, unit) = split_unit(&index.name);
+            let space = if unit.is_empty() { "" } else { " " };
+            let (after, before) = (digits(index.after), digits(index.before));
+            let measured = measured(&index.name);
+            format!(
+                "{} {after}{space}{unit} instead of {before}{measured}",
+                plain(label)
+            )
+        })
+        .collect();
+    (!told.is_empty()).then(|| format!("For this patient that changes: {}.", told.join(", ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use cardiotwin_findings::{effect, finding, kick, nothing, unexplained};
+
+    use super::*;
+
+    #[test]
+    fn each_kind_of_answer_is_said() {
+        let text = summary(&kick());
+        for part in [
+            "misses: atrial kick: amplitude 7.90 mmHg (6.25 to 9.50), probability 0.98",
+            "volume in atrial systole, data 6.00 mL above the model (z 3.1)",
+            "from 1.61 to 0.94 times the noise, and on held-out data from 1.72 to 1.10",
+            "cannot distinguish it from passive stiffening; these measurements would decide: atrial or wedge pressure.",
+            "changes: filling pressure 8.50 mmHg instead of 12.5.",
+        ] {
+            assert!(text.contains(part), "{part} is not in {text}");
+        }
+        assert!(
+            !text.contains("ejection fraction"),
+            "it hardly changes: {text}"
+        );
+        let artefact = finding(vec![effect("pressure_offset", 30.0, true)], 1);
+        assert!(
+            summary(&artefact)
+                .contains("Correct this in the data, not in the heart: pressure offset.")
+        );
+        assert!(summary(&nothing()).starts_with("Nothing is missing"));
+        let mut small = nothing();
+        small.findings.p_value = 2e-4;
+        let text = summary(&small);
+        assert!(
+            text.starts_with("Undecided") && text.contains("p < 0.001"),
+            "{text}"
+        );
+        let mut idle = kick();
+        (
+            idle.findings.gap_heldout_before,
+            idle.findings.gap_heldout_after,
+        ) = (Some(1.95), Some(1.95));
+        let text = summary(&idle);
+        assert!(
+            text.contains("held-out data do not confirm it (1.95 without and 1.95 with it)"),
+            "{text}"
+        );
+        let mut filled = kick();
+        filled.indices[0].name = "end_diastolic_volume_mL".to_owned();
+        let text = summary(&filled);
+        assert!(text.contains("instead of 12.5 (measured: 151)"), "{text}");
+        let text = summary(&unexplained());
+        assert!(
+            text.contains("no effect of the catalogue explains the gap")
+                && text.contains("aortic flow explains most (40 %)"),
+            "{text}"
+        );
+    }
+}

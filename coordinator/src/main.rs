@@ -1,7 +1,0 @@
-//! The program `cardiotwin`.
-
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
-    cardiotwin::cli::main()
-}

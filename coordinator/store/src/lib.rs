@@ -1,0 +1,62 @@
+//! All SQL: SQLite with one writer ([`Writer`]) and any number of readers ([`Reader`]).
+//!
+//! One transaction ([`Batch`]) appends the events, updates rows guarded by their versions, and puts
+//! actions in the outbox. Actions run after the commit. A worker never opens the database.
+//!
+//! # Why rows travel as JSON
+//! SQLite runs on a thread of its own, and each statement, and each value of a row that is read, is handed over to it or from it.
+//! To hand over costs more than to store. So the rows of each table are one JSON array for one statement, which SQLite's
+//! `json_each` takes apart: a commit of a thousand transitions costs the same statements as a commit of one. Tables of many rows are
+//! read likewise, some hundreds of rows to a text, and rows that are read one by one are buffered on the way.
+
+pub mod attempts;
+mod batch;
+mod before;
+pub mod chosen;
+pub mod clock;
+pub mod cluster_jobs;
+mod creation;
+mod database;
+mod error;
+pub mod events;
+pub mod file_system;
+mod foreign;
+#[cfg(test)]
+mod golden;
+pub mod lease;
+pub mod lock;
+pub mod notable;
+mod open;
+pub mod outbox;
+mod pace;
+mod patience;
+pub mod patients;
+mod reader;
+mod record;
+mod screen;
+pub mod steps;
+mod stored_files;
+mod stored_formats;
+pub mod tasks;
+#[cfg(test)]
+mod tests;
+mod trial;
+mod view;
+mod writer;
+
+pub use batch::Batch;
+pub use chosen::Chosen;
+pub use cluster_jobs::JobRecord;
+pub use creation::Pass;
+pub use database::{DATABASE_FILE, SNAPSHOT_FILE};
+pub use error::StoreError;
+pub use notable::Notable;
+pub use open::back_up;
+pub use pace::Pace;
+pub use patience::{Patience, Waiting};
+pub use reader::Reader;
+pub use record::MemberRecord;
+pub use stored_files::StoredFile;
+pub use trial::try_locks;
+pub use view::{AttemptRecord, EventRecord, LeafChange, StepExplanation, leaf_changes};
+pub use writer::{Loaded, Writer};

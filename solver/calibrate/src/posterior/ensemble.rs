@@ -1,0 +1,406 @@
+//! Draws from a posterior by randomised maximum likelihood, made together.
+//!
+//! Each draw descends for itself, from its own point of the prior, by Levenberg–Marquardt steps. Its
+//! derivatives come from the points that all draws have evaluated. Differences are taken where a step
+//! falls short of its promise, and serve all draws. Ensembles share derivatives since Gu and Oliver 2007 (SPE J. 12:438) and Chen
+//! and Oliver 2012 (Math. Geosci. 44:1), with one regression for all draws. Here each draw has a
+//! regression of its own, in which near points count most.
+
+use super::descent::{Aim, DAMPING, DIFFERENCE, KEPT, LONGEST, MOST_DAMPING, Mode};
+use super::draw::{Draw, deviates, farthest};
+use super::points::Points;
+use super::{Evaluated, Target};
+use crate::random::{Purpose, generator};
+
+/// Promised gain of the next step below which a descent ends. The heights of draws differ by √(n/2),
+/// which is 3 for 22 parameters.
+const GAIN: f64 = 0.25;
+/// Number of tries over which [`GAIN_OF_TRIES`] counts.
+const TRIES: usize = 5;
+/// A descent also ends if the last [`TRIES`] tries together gained less than this.
+const GAIN_OF_TRIES: f64 = 0.5;
+/// Number of halvings of the way from the mode to a start, before the mode itself is the start.
+const HALVINGS: usize = 6;
+
+/// The present descent of a draw.
+enum Place<Q> {
+    /// The start is sought on the way from the mode, after this number of halvings.
+    Start(usize),
+    /// A point that was reached.
+    At(Box<Reached<Q>>),
+    /// All descents have ended.
+    Ended,
+}
+
+struct Reached<Q> {
+    u: Vec<f64>,
+    found: Evaluated<Q>,
+    height: f64,
+    damping: f64,
+    /// Height after each try.
+    heights: Vec<f64>,
+    /// Whether differences were taken here.
+    is_probed: bool,
+    /// Whether differences are to be taken here.
+    is_doubtful: bool,
+}
+
+/// Best end of the descents of a draw.
+struct End<Q> {
+    u: Vec<f64>,
+    seen: Q,
+    height: f64,
+    converged: bool,
+}
+
+struct Member<Q> {
+    aim: Aim,
+    /// Height above which an end is not plausible.
+    farthest: f64,
+    /// Ways from the mode to the remaining starts, the next one last.
+    ways: Vec<Vec<f64>>,
+    place: Place<Q>,
+    best: Option<End<Q>>,
+    evaluations: usize,
+}
+
+/// What a candidate is for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Purposed {
+    Start,
+    /// A point beside the present one, in the direction of each coordinate.
+    Probes,
+    /// A step with the gain that it promises.
+    Step(f64),
+    /// The undamped step at the end of a descent.
+    Last,
+    /// Nothing is left to evaluate; whether the descent ended by itself.
+    Nothing(bool),
+}
+
+/// The next point of a draw.
+#[derive(Debug, Clone, PartialEq)]
+struct Candidate {
+    u: Vec<f64>,
+    purpose: Purposed,
+}
+
+/// The next point of a draw with the model's result.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Next<Q> {
+    index: usize,
+    candidate: Candidate,
+    found: Option<Evaluated<Q>>,
+    /// Derivatives at the present point.
+    probes: Vec<Option<Vec<f64>>>,
+}
+
+/// Draws in the making.
+pub struct Ensemble<'a, Q> {
+    target: &'a Target<'a, Q>,
+    mode: &'a Mode,
+    members: Vec<Member<Q>>,
+    points: Points,
+    max_tries: usize,
+}
+
+impl<'a, Q> Ensemble<'a, Q> {
+    /// Draws with a seed and indices from 0 to `n` − 1.
+    ///
+    /// - `max_tries`: limit of steps of a descent, including those without gain
+    #[must_use]
+    pub fn new(
+        target: &'a Target<'a, Q>,
+        mode: &'a Mode,
+        seed: u64,
+        n: u64,
+        max_tries: usize,
+    ) -> Self {
+        let member = |index| {
+            let mut generator = generator(seed, Purpose::Posterior, [index, 0]);
+            let prior = deviates(&mut generator, mode.u.len());
+            let errors = deviates(&mut generator, mode.residuals.len());
+            let way: Vec<f64> = prior.iter().zip(&mode.u).map(|(p, u)| p - u).collect();
+            let aim = Aim { errors, prior };
+            let linear = aim.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0, f64::INFINITY);
+            let linear = linear.map(|(step, _)| step.as_slice().to_vec());
+            let ways = std::iter::once(vec![0.0; mode.u.len()])
+                .chain(linear)
+                .chain([way])
+                .collect();
+            Member {
+                aim,
+                farthest: farthest(mode),
+                ways,
+                place: Place::Start(0),
+                best: None,
+                evaluations: 0,
+            }
+        };
+        Self {
+            target,
+            mode,
+            members: (0..n).map(member).collect(),
+            points: Points::new(mode),
+            max_tries,
+        }
+    }
+
+    /// Indices of the draws that are not done.
+    #[must_use]
+    pub fn pending(&self) -> Vec<usize> {
+        let is_pending = |i: &usize| !matches!(self.members[*i].place, Place::Ended);
+        (0..self.members.len()).filter(is_pending).collect()
+    }
+
+    /// The next point of a draw, and the model's result there. The caller may compute those of all
+    /// pending draws in parallel.
+    #[must_use]
+    pub fn next(&self, index: usize) -> Next<Q> {
+        let candidate = self.candidate(&self.members[index]);
+        let mut probes = Vec::new();
+        let found = match candidate.purpose {
+            Purposed::Nothing(_) => None,
+            Purposed::Probes => {
+                let here = match &self.members[index].place {
+                    Place::At(here) => &here.found.residuals[..],
+                    _ => &[],
+                };
+                probes = (0..candidate.u.len())
+                    .map(|j| self.difference(&candidate.u, here, j))
+                    .collect();
+                None
+            }
+            _ => self.target.at(&candidate.u),
+        };
+        Next {
+            index,
+            candidate,
+            found,
+            probes,
+        }
+    }
+
+    /// Derivative of the residuals with respect to a parameter by a one-sided difference; the other
+    /// side is used where the model has no result.
+    fn difference(&self, u: &[f64], residuals: &[f64], j: usize) -> Option<Vec<f64>> {
+        // Inwards first, where the prior is dense and most models have a result.
+        let inwards = if u[j] > 0.0 { -DIFFERENCE } else { DIFFERENCE };
+        [inwards, -inwards].into_iter().find_map(|step| {
+            let mut moved = u.to_vec();
+            moved[j] += step;
+            let found = self.target.at(&moved)?;
+            let slope = |(there, here): (&f64, &f64)| (there - here) / step;
+            Some(found.residuals.iter().zip(residuals).map(slope).collect())
+        })
+    }
+
+    fn candidate(&self, member: &Member<Q>) -> Candidate {
+        let nothing = |converged| Candidate {
+            u: Vec::new(),
+            purpose: Purposed::Nothing(converged),
+        };
+        let here = match &member.place {
+            Place::Ended => return nothing(false),
+            Place::Start(halvings) => {
+                let share = if *halvings < HALVINGS {
+                    0.5_f64.powi(*halvings as i32)
+                } else {
+                    0.0
+                };
+                let way = member.ways.last().into_iter().flatten();
+                let u = self.mode.u.iter().zip(way).map(|(u, way)| u + share * way);
+                return Candidate {
+                    u: u.collect(),
+                    purpose: Purposed::Start,
+                };
+            }
+            Place::At(here) => here,
+        };
+        if here.is_doubtful {
+            return Candidate {
+                u: here.u.clone(),
+                purpose: Purposed::Probes,
+            };
+        }
+        let tries = here.heights.len();
+        if here.damping > MOST_DAMPING || tries > self.max_tries {
+            return nothing(false);
+        }
+        let jacobian = self.points.jacobian(&here.u, &here.found.residuals);
+        let step = |damping, longest| {
+            let step = member
+                .aim
+                .step(&here.u, &here.found.residuals, &jacobian, damping, longest);
+            step.map(|(step, promised)| {
+                let u = here.u.iter().zip(&step).map(|(u, s)| u + s);
+                (u.collect(), promised)
+            })
+        };
+        let is_slow =
+            tries > TRIES && here.heights[tries - 1 - TRIES] - here.height < GAIN_OF_TRIES;
+        match step(here.damping, LONGEST) {
+            Some((u, promised)) if !is_slow && promised >= GAIN => Candidate {
+                u,
+                purpose: Purposed::Step(promised),
+            },
+            // An undamped last step makes up for the damping.
+            Some(_) => step(0.0, f64::INFINITY).map_or_else(
+                || nothing(true),
+                |(u, _)| Candidate {
+                    u,
+                    purpose: Purposed::Last,
+                },
+            ),
+            None => nothing(false),
+        }
+    }
+
+    /// Takes the results of [`Self::next`] in the order of the draws, which must be the same in
+    /// every run.
+    pub fn tell(&mut self, results: Vec<Next<Q>>) {
+        for next in results {
+            if let Some(found) = &next.found {
+                self.points.add(&next.candidate.u, &found.residuals);
+            }
+            if let (Purposed::Probes, Place::At(here)) =
+                (next.candidate.purpose, &self.members[next.index].place)
+            {
+                self.points
+                    .add_derivatives(&here.u, &here.found.residuals, &next.probes);
+            }
+            self.members[next.index].advance(next);
+        }
+    }
+
+    /// The draws; those without any result are left out.
+    #[must_use]
+    pub fn draws(self) -> Vec<Draw<Q>> {
+        let draw = |member: Member<Q>| {
+            let End {
+                u,
+                seen,
+                height,
+                converged,
+            } = member.best?;
+            Some(Draw {
+                u,
+                seen,
+                converged: converged && height <= member.farthest,
+                evaluations: member.evaluations,
+            })
+        };
+        self.members.into_iter().filter_map(draw).collect()
+    }
+}
+
+impl<Q> Member<Q> {
+    fn advance(&mut self, next: Next<Q>) {
+        let Next {
+            candidate: Candidate { u, purpose },
+            found,
+            probes,
+            ..
+        } = next;
+        self.evaluations += match purpose {
+            Purposed::Nothing(_) => 0,
+            Purposed::Probes => probes.len(),
+            _ => 1,
+        };
+        let height = found
+            .as_ref()
+            .map(|found| self.aim.height(&u, &found.residuals));
+        match purpose {
+            Purposed::Start => {
+                let Place::Start(halvings) = &mut self.place else {
+                    return;
+                };
+                if let Some((found, height)) = found.zip(height) {
+                    self.place = Place::At(Box::new(Reached {
+                        u,
+                        found,
+                        height,
+                        damping: DAMPING,
+                        heights: vec![height],
+                        is_probed: false,
+                        is_doubtful: false,
+                    }));
+                } else if *halvings < HALVINGS {
+                    *halvings += 1;
+                } else {
+                    self.begin_again();
+                }
+            }
+            Purposed::Probes => {
+                if let Place::At(here) = &mut self.place {
+                    (here.is_probed, here.is_doubtful) = (true, false);
+                }
+            }
+            Purposed::Step(promised) => {
+                let Place::At(here) = &mut self.place else {
+                    return;
+                };
+                let kept = height.map_or(f64::NEG_INFINITY, |height| here.height - height);
+                let was_probed = here.is_probed;
+                let is_impossible = found.is_none();
+                if let Some((found, height)) = found.zip(height).filter(|(_, h)| *h < here.height) {
+                    (here.u, here.found, here.height) = (u, found, height);
+                    here.is_probed = false;
+                }
+                here.heights.push(here.height);
+                if kept < KEPT[0] * promised {
+                    if was_probed || is_impossible {
+                        here.damping *= 4.0;
+                    }
+                    here.is_doubtful = !here.is_probed && !was_probed;
+                } else if kept > KEPT[1] * promised {
+                    here.damping /= 5.0;
+                }
+            }
+            Purposed::Last => {
+                if let Place::At(here) = &mut self.place
+                    && let Some((found, height)) =
+                        found.zip(height).filter(|(_, h)| *h < here.height)
+                {
+                    (here.u, here.found, here.height) = (u, found, height);
+                }
+                self.end(true);
+            }
+            Purposed::Nothing(converged) => self.end(converged),
+        }
+    }
+
+    /// Ends a descent. Another one follows if its end is too high.
+    fn end(&mut self, converged: bool) {
+        if let Place::At(here) = std::mem::replace(&mut self.place, Place::Ended) {
+            let is_better = self
+                .best
+                .as_ref()
+                .is_none_or(|best| here.height < best.height);
+            if is_better {
+                self.best = Some(End {
+                    u: here.u,
+                    seen: here.found.seen,
+                    height: here.height,
+                    converged,
+                });
+            }
+        }
+        let is_plausible = self
+            .best
+            .as_ref()
+            .is_some_and(|best| best.height <= self.farthest);
+        if !is_plausible {
+            self.begin_again();
+        }
+    }
+
+    fn begin_again(&mut self) {
+        self.ways.pop();
+        self.place = if self.ways.is_empty() {
+            Place::Ended
+        } else {
+            Place::Start(0)
+        };
+    }
+}

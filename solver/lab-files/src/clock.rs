@@ -1,0 +1,185 @@
+//! Times of day and dates in cells, in ms.
+
+use crate::number::{Decimal, number};
+
+/// Milliseconds of a day.
+pub(crate) const DAY_MS: f64 = 86_400_000.0;
+
+/// A clock that counts on where a time of day passes midnight.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Clock {
+    days: f64,
+    last_ms: Option<f64>,
+}
+
+impl Clock {
+    /// The time with the midnights so far; `None` never.
+    pub(crate) fn count_on(&mut self, time_ms: f64) -> Option<f64> {
+        // A step back by half a day or more is a midnight, a smaller one an error that is told.
+        if self
+            .last_ms
+            .is_some_and(|last| time_ms < last - 0.5 * DAY_MS)
+        {
+            self.days += 1.0;
+        }
+        self.last_ms = Some(time_ms);
+        Some(self.days * DAY_MS + time_ms)
+    }
+}
+
+/// A time as seconds, minutes:seconds or hours:minutes:seconds, with or without AM or PM \[ms\].
+pub(crate) fn time_of_day_ms(cell: &str, decimal: Decimal) -> Option<f64> {
+    let cell = cell.trim();
+    let upper = cell.to_ascii_uppercase();
+    let (text, half_day) = ["AM", "PM", "A.M.", "P.M."]
+        .iter()
+        .find(|mark| upper.ends_with(*mark))
+        .map_or((cell, None), |mark| {
+            (
+                cell[..cell.len() - mark.len()].trim_end(),
+                Some(mark.starts_with('P')),
+            )
+        });
+    let parts: Vec<&str> = text.split(':').collect();
+    if parts.len() > 3 || (half_day.is_some() && parts.len() < 2) {
+        return None;
+    }
+    let mut values = Vec::with_capacity(parts.len());
+    for part in parts {
+        values.push(number(part.trim().as_bytes(), decimal)?);
+    }
+    if let Some(after_noon) = half_day {
+        if !(1.0..=12.0).contains(&values[0]) {
+            return None;
+        }
+        values[0] = values[0] % 12.0 + if after_noon { 12.0 } else { 0.0 };
+        if values.len() == 2 {
+            values.push(0.0);
+        }
+    }
+    let seconds = values.into_iter().fold(0.0, |sum, part| 60.0 * sum + part);
+    Some(1e3 * seconds)
+}
+
+/// A date with a time of day, such as `2026-03-02 09:00:00.004`, `02.03.2026 09:00:00` or
+/// `2026-03-02T09:00:00.004Z`, or a time of day with two colons \[ms since the year 0 or since
+/// midnight\]. In dates with the year last the order of day and month does not matter within a day,
+/// which is all that is read.
+pub(crate) fn stamp_ms(cell: &str, decimal: Decimal) -> Option<f64> {
+    let cell = cell.trim().trim_matches('"').trim();
+    let (date, time) = match cell.split_once(['T', ' ']) {
+        Some((date, time)) if date.contains(['-', '/', '.']) && !date.contains(':') => {
+            (Some(date), time)
+        }
+        _ => (None, cell),
+    };
+    let time = time.trim().trim_end_matches('Z');
+    if time.matches(':').count() != 2 && !(date.is_some() && time.matches(':').count() == 1) {
+        return None;
+    }
+    let time = if time.matches(':').count() == 1 {
+        format!("{time}:00")
+    } else {
+        time.to_owned()
+    };
+    let of_day = time_of_day_ms(&time, decimal)
+        .or_else(|| time_of_day_ms(&time, Decimal::Point))
+        .or_else(|| time_of_day_ms(&time, Decimal::Comma))?;
+    let Some(date) = date else {
+        return Some(of_day);
+    };
+    let parts: Vec<i64> = date
+        .split(['-', '/', '.'])
+        .map(|part| part.parse::<i64>().ok())
+        .collect::<Option<Vec<i64>>>()?;
+    let [a, b, c] = parts[..] else {
+        return None;
+    };
+    let (year, month, day) = if a > 31 { (a, b, c) } else { (c, b, a) };
+    // Which of two numbers up to 12 is the month is not known; a recording of days is not expected.
+    let (month, day) = if month > 12 {
+        (day, month)
+    } else {
+        (month, day)
+    };
+    if !(1..=12).contains(&month) || !(1..=31).contains(&day) {
+        return None;
+    }
+    Some(days(year, month, day) as f64 * DAY_MS + of_day)
+}
+
+/// Days since 1 March of the year 0 in the Gregorian calendar (Hatcher 1984, Q J R Astron Soc 25:53).
+fn days(year: i64, month: i64, day: i64) -> i64 {
+    let (year, month) = if month > 2 {
+        (year, month - 3)
+    } else {
+        (year - 1, month + 9)
+    };
+    365 * year + year.div_euclid(4) - year.div_euclid(100)
+        + year.div_euclid(400)
+        + (153 * month + 2) / 5
+        + day
+        - 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_day_are_read_with_and_without_halves() {
+        for (text, seconds) in [
+            ("3.5", 3.5),
+            ("0:01:00.5", 60.5),
+            ("2:03", 123.0),
+            ("11:59:50.004 PM", 86_390.004),
+            ("12:00:01 AM", 1.0),
+            ("12:00:01 pm", 43_201.0),
+            ("1:00:00 p.m.", 46_800.0),
+        ] {
+            let found = time_of_day_ms(text, Decimal::Point).unwrap();
+            assert!((found - 1e3 * seconds).abs() < 1e-6, "{text}: {found}");
+        }
+        for text in ["", "b", "13:00:00 PM", "1:2:3:4", "5 PM"] {
+            assert_eq!(time_of_day_ms(text, Decimal::Point), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_clock_counts_on_at_midnight_only() {
+        let mut clock = Clock::default();
+        let at = |clock: &mut Clock, text: &str| {
+            clock
+                .count_on(time_of_day_ms(text, Decimal::Point).unwrap())
+                .unwrap()
+        };
+        assert_eq!(at(&mut clock, "23:59:59"), DAY_MS - 1000.0);
+        assert_eq!(at(&mut clock, "0:00:01"), DAY_MS + 1000.0);
+        assert_eq!(at(&mut clock, "0:00:00.5"), DAY_MS + 500.0);
+    }
+
+    #[test]
+    fn stamps_of_consecutive_days_follow_each_other() {
+        let at = |text: &str| stamp_ms(text, Decimal::Point).unwrap();
+        assert_eq!(
+            at("2026-03-01 00:00:00") - at("2026-02-28 23:59:59.5"),
+            500.0
+        );
+        assert_eq!(
+            at("2024-03-01T00:00:00Z") - at("2024-02-28T00:00:00Z"),
+            2.0 * DAY_MS
+        );
+        assert_eq!(
+            at("2/28/2026 9:00:01 PM") - at("2/28/2026 9:00:00 PM"),
+            1000.0
+        );
+        assert_eq!(
+            at("31.12.2026 10:00:00.004") - at("31.12.2026 10:00:00"),
+            4.0
+        );
+        assert_eq!(at("09:00:00.004"), 32_400_004.0);
+        for text in ["", "5", "9:00", "2026-13-41 10:00:00", "x 10:00:00"] {
+            assert_eq!(stamp_ms(text, Decimal::Point), None, "{text}");
+        }
+    }
+}
