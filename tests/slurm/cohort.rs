@@ -403,6 +403,33 @@ impl<'a> Cohort<'a> {
     }
 }
 
+impl Cohort<'_> {
+    /// What the logs say of repeated tasks: why each driver left a patient, and how each attempt
+    /// before the last one ended, with the end of its worker's output.
+    pub fn story(&self) -> String {
+        let mut lines = Vec::new();
+        for job in self.jobs() {
+            let ends = fs::read_dir(&job).into_iter().flatten().flatten();
+            for end in ends.filter(|e| e.file_name().to_string_lossy().starts_with("ended-")) {
+                lines.push(fs::read_to_string(end.path()).unwrap_or_default());
+            }
+        }
+        for attempt in self.attempts_with("spec.json") {
+            let outcome = fs::read_to_string(attempt.join("outcome.json")).unwrap_or_default();
+            if outcome.contains("\"succeeded\"") {
+                continue;
+            }
+            lines.push(format!("{}: {outcome}", attempt.display()));
+            for log in ["stderr.log", "stdout.log"] {
+                let text = fs::read_to_string(attempt.join(log)).unwrap_or_default();
+                let last: Vec<&str> = text.lines().rev().take(20).collect();
+                lines.extend(last.into_iter().rev().map(|line| format!("  {line}")));
+            }
+        }
+        lines.join("\n")
+    }
+}
+
 /// Whether the coordinator revoked an attempt before its worker published.
 pub fn is_revoked(attempt: &Path) -> bool {
     let text = fs::read_to_string(attempt.join("outcome.json")).unwrap_or_default();

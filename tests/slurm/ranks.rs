@@ -120,37 +120,50 @@ pub fn four_patients_share_two_nodes_of_archer2(cluster: &Cluster) {
         return;
     }
     for (launcher, lines) in [("srun", ""), ("mpirun", OPEN_MPI_AS_ROOT)] {
-        let patients = ["01-CoA", "02-CoA", "05-CoA", "06-CoA"];
-        let cohort = in_3d(cluster, &patients, launcher, 2, 4).set("executor.slurm.account=t01");
-        archer2(&cohort, lines);
-        assert_eq!(cohort.advance().code, 8);
-        let script = cohort.script(0);
-        assert!(
-            cohort.jobs().len() == 1
-                && script.contains("--nodes=2")
-                && script.contains("--exclusive"),
-            "{script}"
-        );
-        assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
-        cohort.assert_done();
-        let tally = cohort.tally();
-        assert_eq!((tally.repeated, cohort.jobs().len()), (0, 1), "{tally:?}");
-        let on_two = ranks(&cohort).iter().filter(|n| **n == Some(2)).count();
-        assert!(on_two >= 8, "step 0 and a beat of each: {on_two}");
-        if launcher == "srun" {
-            let steps = steps(cluster, &number_of(&cohort, 0));
-            let pairs: Vec<&Step> = steps.iter().filter(|step| step.n_tasks == 2).collect();
-            let mut nodes: Vec<&str> = pairs.iter().map(|step| step.nodes.as_str()).collect();
-            nodes.sort_unstable();
-            nodes.dedup();
-            assert!(
-                pairs.len() == on_two
-                    && nodes.len() == 2
-                    && nodes.iter().all(|node| !node.contains(['[', ','])),
-                "each simulation on one of two nodes: {steps:?}"
-            );
+        // A launcher may fail to start ranks, once in hundreds of starts: another job then tries
+        // again, as "a faulty srun is tried again" asserts. Twice is no accident.
+        if let Err(story) = on_two_nodes(cluster, launcher, lines) {
+            println!("a launch failed and was tried again: {story}");
+            let again = on_two_nodes(cluster, launcher, lines);
+            again.unwrap_or_else(|story| panic!("{launcher}: {story}"));
         }
     }
+}
+
+/// The error is the story of a step that was repeated because its ranks never started.
+fn on_two_nodes(cluster: &Cluster, launcher: &str, lines: &str) -> Result<(), String> {
+    let patients = ["01-CoA", "02-CoA", "05-CoA", "06-CoA"];
+    let cohort = in_3d(cluster, &patients, launcher, 2, 4).set("executor.slurm.account=t01");
+    archer2(&cohort, lines);
+    assert_eq!(cohort.advance().code, 8);
+    let script = cohort.script(0);
+    assert!(
+        cohort.jobs().len() == 1 && script.contains("--nodes=2") && script.contains("--exclusive"),
+        "{script}"
+    );
+    assert_eq!(cohort.finish(), 0, "{:#}", cohort.status());
+    cohort.assert_done();
+    let tally = cohort.tally();
+    if tally.repeated > 0 {
+        return Err(format!("{tally:?}\n{}", cohort.story()));
+    }
+    assert_eq!(cohort.jobs().len(), 1, "{launcher}: {}", cohort.story());
+    let on_two = ranks(&cohort).iter().filter(|n| **n == Some(2)).count();
+    assert!(on_two >= 8, "step 0 and a beat of each: {on_two}");
+    if launcher == "srun" {
+        let steps = steps(cluster, &number_of(&cohort, 0));
+        let pairs: Vec<&Step> = steps.iter().filter(|step| step.n_tasks == 2).collect();
+        let mut nodes: Vec<&str> = pairs.iter().map(|step| step.nodes.as_str()).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        assert!(
+            pairs.len() == on_two
+                && nodes.len() == 2
+                && nodes.iter().all(|node| !node.contains(['[', ','])),
+            "each simulation on one of two nodes: {steps:?}"
+        );
+    }
+    Ok(())
 }
 
 /// Four patients share two nodes, on ranks of MPICH, which srun starts through PMI-2. The programs are

@@ -5,6 +5,7 @@
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use tokio::process::Command;
 
@@ -164,6 +165,49 @@ impl Launcher {
 /// which crashes Open MPI (3 of 100 starts on four nodes; docs/mpi.md).
 const PMIX_FENCE: &str = "SLURM_PMIX_FENCE";
 
+/// Variables that name the parent of an mpirun's session folder: Open MPI 4, and 5.
+const SESSION_PARENTS: [&str; 2] = ["OMPI_MCA_orte_tmpdir_base", "PRTE_MCA_prte_tmpdir_base"];
+
+/// Folder for the session of one mpirun of Open MPI, removed with the value.
+///
+/// By default all sessions of a user on a node have one parent. An mpirun that ends removes the
+/// parent, and another one that is creating its session there at that moment fails (Open MPI,
+/// issue 8510). Simulations side by side therefore get parents of their own.
+#[derive(Debug)]
+pub struct SessionFolder {
+    path: PathBuf,
+}
+
+impl SessionFolder {
+    /// A new folder for a command of this launcher, which is told of it. `None` for other launchers
+    /// than Open MPI's, where the user has chosen a parent, and where no folder can be created.
+    pub fn of(launcher: &Launcher, command: &mut Command) -> Option<Self> {
+        static N_SESSIONS: AtomicU64 = AtomicU64::new(0);
+        let is_chosen = SESSION_PARENTS
+            .map(std::env::var_os)
+            .iter()
+            .any(Option::is_some);
+        if Family::of(launcher.program()) != Family::OpenMpi || is_chosen {
+            return None;
+        }
+        let n = N_SESSIONS.fetch_add(1, Ordering::Relaxed);
+        let name = format!("cardiotwin-mpirun-{}-{n}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::create_dir(&path).ok()?;
+        for variable in SESSION_PARENTS {
+            command.env(variable, &path);
+        }
+        Some(Self { path })
+    }
+}
+
+impl Drop for SessionFolder {
+    fn drop(&mut self) {
+        // What a killed mpirun left goes, too. A folder that stays makes no difference.
+        let _ = std::fs::remove_dir_all(&self.path);
+    }
+}
+
 /// Places of a job, free and taken.
 #[derive(Debug, Clone)]
 pub struct Places {
@@ -217,6 +261,40 @@ impl Places {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_mpirun_of_open_mpi_has_a_session_folder_until_it_ends() {
+        let launcher = |program: &str| Launcher {
+            command: vec![program.to_owned()],
+            worker: "/bin/ranks".into(),
+        };
+        let parent = |command: &Command| {
+            let mut variables = command.as_std().get_envs();
+            let found = variables.find(|(name, _)| *name == SESSION_PARENTS[0]);
+            found.and_then(|(_, value)| Some(PathBuf::from(value?)))
+        };
+        let mut commands = [(); 2].map(|()| launcher("mpirun").anywhere(2));
+        let sessions = commands
+            .each_mut()
+            .map(|command| SessionFolder::of(&launcher("mpirun"), command));
+        let folders = commands.each_ref().map(parent);
+        assert_ne!(folders[0], folders[1]);
+        assert!(
+            folders
+                .iter()
+                .flatten()
+                .filter(|path| path.is_dir())
+                .count()
+                == 2
+        );
+        drop(sessions);
+        assert!(!folders.iter().flatten().any(|path| path.exists()));
+        for other in ["srun", "mpirun.mpich"] {
+            let mut command = launcher(other).anywhere(2);
+            assert!(SessionFolder::of(&launcher(other), &mut command).is_none());
+            assert_eq!(parent(&command), None);
+        }
+    }
 
     fn words(command: &Command) -> String {
         let command = command.as_std();

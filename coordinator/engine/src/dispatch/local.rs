@@ -27,7 +27,7 @@ use tokio::process::Command;
 use tokio::sync::mpsc;
 
 use super::evidence;
-use super::launcher::{Launcher, Place, Places};
+use super::launcher::{Launcher, Place, Places, SessionFolder};
 use super::process::{signal_group, signal_process};
 use super::{DispatchError, Evidence, Executor, Found, News, Order};
 
@@ -143,6 +143,12 @@ impl Local {
             1
         };
         let (mut command, worker) = self.program(n_ranks, order.spec.threads, place);
+        let session = match &self.launcher {
+            Some(launcher) if worker == Path::new(launcher.program()) => {
+                SessionFolder::of(launcher, &mut command)
+            }
+            _ => None,
+        };
         let mut child = command
             .arg("run")
             .arg(directory)
@@ -156,6 +162,7 @@ impl Local {
         let (tell, attempt) = (self.tell.clone(), order.spec.attempt.clone());
         tokio::spawn(async move {
             let status = child.wait().await;
+            drop(session);
             // The channel is closed only if the coordinator is ending.
             let _ = tell.send(Exit { attempt, status });
         });
