@@ -25,7 +25,7 @@ impl Determination {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Determined => "determined",
-            Self::Sloppy => "sloppy",
+            Self::Sloppy => "weakly identified",
             Self::AtBound => "at bound",
             Self::NotDetermined => "not determined",
         }

@@ -96,7 +96,21 @@ impl Verdict {
 }
 
 /// Words for a verified twin outside of its tolerances, with which its verdict begins.
-pub const OFF: &str = "verified, off";
+pub const OFF: &str = "not personalised";
+
+/// A relative difference from the measurement in words.
+fn difference(name: &str, percent: f64) -> String {
+    if percent <= -100.0 {
+        return format!("{name} missing");
+    }
+    let (above, below) = match name {
+        "dPdt_max" | "dPdt_min" => ("too steep", "too flat"),
+        "PTD90" => ("too long", "too short"),
+        _ => ("too high", "too low"),
+    };
+    let side = if percent > 0.0 { above } else { below };
+    format!("{name} {:.0} % {side}", percent.abs())
+}
 
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -108,7 +122,7 @@ impl fmt::Display for Verdict {
         off.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         let off: Vec<String> = off
             .into_iter()
-            .map(|(name, percent)| format!("{name} {percent:+.0} %"))
+            .map(|(name, percent)| difference(name, *percent))
             .collect();
         write!(f, "{OFF}: {}", off.join(", "))
     }
@@ -143,7 +157,10 @@ mod tests {
         };
         let verdict = Verdict::of(&measured, &far, &tolerances);
         assert!(!verdict.personalised);
-        assert_eq!(verdict.to_string(), "verified, off: SV -48 %, P_max -6 %");
+        assert_eq!(
+            verdict.to_string(),
+            "not personalised: SV 48 % too low, P_max 6 % too low"
+        );
         let none = Verdict::of(
             &measured,
             &Biomarkers {
@@ -152,6 +169,6 @@ mod tests {
             },
             &tolerances,
         );
-        assert_eq!(none.to_string(), "verified, off: SV -100 %");
+        assert_eq!(none.to_string(), "not personalised: SV missing");
     }
 }

@@ -31,7 +31,7 @@ fn step_1_goes_on_from_its_best_simulation_and_a_rerun_repeats_nothing() {
     let explained = cohort.call(&["explain", "04-CoA"]).expect(0).out;
     for part in [
         "step 1 stalled: simulation 3 failed [numerics]: simulation ended at 165 ms",
-        "the patient goes on from simulation 2",
+        "the patient continues with simulation 2",
         "`cardiotwin rerun 04-CoA --from step1 --damping 0.5`",
     ] {
         assert!(explained.contains(part), "{part} is not in {explained}");

@@ -19,9 +19,7 @@ fn options_are_kept_with_the_run_and_a_change_that_redoes_work_needs_consent() {
 
     let again = cohort.call(&["run", "--no-report"]).expect(0);
     assert!(again.out.contains("nothing to do"), "{}", again.out);
-    again.complains_of(&[
-        "options kept with this run: executor.workers=1, step2.seed=7 (--unset KEY drops one",
-    ]);
+    again.complains_of(&["saved options: executor.workers=1, step2.seed=7 (--unset KEY drops one"]);
     let leaves = cohort
         .call(&["config", "show", "--origin", "--json"])
         .json();

@@ -270,7 +270,7 @@ fn completions_manual_pages_and_schemas() {
 fn a_twin_that_is_off_is_no_success() {
     let cohort = Cohort::quick();
     let said = cohort.call(&["run", "--no-report"]);
-    assert!(said.out.contains("verified, off: "), "{}", said.out);
+    assert!(said.out.contains("not personalised: "), "{}", said.out);
     assert_eq!(said.code, 7, "{}", said.out);
     let again = cohort.call(&["run", "--no-report"]);
     assert_eq!(

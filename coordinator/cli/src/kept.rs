@@ -118,7 +118,7 @@ fn say(kept: &BTreeMap<String, String>, given: &[String], talk: &Talk) {
         .collect();
     if !silent.is_empty() {
         talk.say(&format!(
-            "options kept with this run: {} (--unset KEY drops one, --unset all drops them)",
+            "saved options: {} (--unset KEY drops one, --unset all drops them)",
             silent.join(", ")
         ));
     }

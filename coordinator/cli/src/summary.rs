@@ -20,7 +20,7 @@ const HEADINGS: [&str; 11] = [
     ">dPdt_min",
     ">PTD90",
     ">SV",
-    ">OPEN mL",
+    ">VOLUME GAP mL",
     ">TIME",
 ];
 
@@ -95,7 +95,7 @@ pub fn table(run: &RunRecord, most: usize, talk: &Talk) -> String {
     }
     text.push_str(&verdicts(run, most));
     text.push_str(
-        "differences are (simulated - measured) / measured; OPEN: volume gap at the beat's end;\n\
+        "differences are (simulated - measured) / measured; VOLUME GAP: end minus beginning of the beat;\n\
          COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell,\n\
          step 3's squared differences divided by the measurements' variances\n",
     );

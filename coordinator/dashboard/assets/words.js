@@ -16,7 +16,7 @@ export const STATES = {
 export const OVER = ["done", "off", "failed", "refused", "cancelled"];
 
 /** A row as people see it: a patient whose verified twin is outside of the tolerances is done, but off. */
-export const judged = (row) => (row.state === "done" && row.note.includes("verified, off") ? { ...row, state: "off" } : row);
+export const judged = (row) => (row.state === "done" && row.note.includes("not personalised") ? { ...row, state: "off" } : row);
 
 /** Compares names so that P10 follows P9. */
 export const byName = new Intl.Collator("en", { numeric: true }).compare;

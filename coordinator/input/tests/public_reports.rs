@@ -355,7 +355,7 @@ fn kind_23_frames_without_a_contour_are_left_out() {
 fn kind_25_hum_and_pacing_spikes_are_no_r_waves() {
     let seen = prepare("25-ecg-hum-and-pacing/atrial-pacing-20-mV");
     seen.by_r_wave("pacing");
-    seen.says("pacing", &["pacing spikes were taken out"]);
+    seen.says("pacing", &["pacing spikes were removed"]);
     let seen = prepare("25-ecg-hum-and-pacing/mains-0.2-mV");
     seen.is_sound("mains");
     assert!((seen.end_diastolic() - 8.3).abs() < 1.5, "{}", seen.said);

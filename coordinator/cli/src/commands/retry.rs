@@ -105,7 +105,7 @@ pub async fn execute(args: &RetryArgs, talk: &Talk) -> Result<Exit, CliError> {
     };
     drop(reader);
     if chosen.is_empty() {
-        talk.say("no patient has such a failure: nothing to retry");
+        talk.say("no failed patients of these classes: nothing to retry");
         return Ok(Exit::Ok);
     }
     if args.dry_run {

@@ -71,7 +71,7 @@ pub struct RunArgs {
     /// Set KEY to VALUE, overriding all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Drop KEY, or `all`, from the options kept with this run (may be given several times)
+    /// Drop KEY, or `all`, from the saved options of this run (may be given several times)
     #[arg(long, value_name = "KEY")]
     unset: Vec<String>,
     /// Redo finished work without a question where settings have changed

@@ -12,6 +12,7 @@ use cardiotwin_schemas::organ::BeatCount;
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
 use cardiotwin_schemas::settings::Update;
+use cardiotwin_schemas::status::PatientState;
 use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::task::OrganBeatSpec;
 use clap::Args;
@@ -138,12 +139,15 @@ fn plot(record: &PatientRecord, file: &Path) -> Result<(), CliError> {
 
 fn heading(record: &PatientRecord) -> String {
     let status = &record.status;
-    let mut text = format!(
-        "{}: {} for {}",
-        status.patient,
-        status.words(),
-        duration(status.for_s)
-    );
+    let time = duration(status.for_s);
+    let since = match status.state {
+        PatientState::Done => format!(", finished {time} ago"),
+        PatientState::Failed | PatientState::Cancelled => format!(", {time} ago"),
+        PatientState::Waiting | PatientState::Running | PatientState::Unknown => {
+            format!(" for {time}")
+        }
+    };
+    let mut text = format!("{}: {}{since}", status.patient, status.words());
     if !status.note.is_empty() {
         text.push_str(&format!(" ({})", status.note));
     }
@@ -399,7 +403,10 @@ fn determination(parameter: &FittedParameter) -> (String, Option<Tone>) {
             format!("{}, at a bound", mark.as_str()),
             Some(Tone::Doubtful),
         ),
-        (Some(Determination::Sloppy), false) => ("sloppy".to_owned(), Some(Tone::Doubtful)),
+        (Some(Determination::Sloppy), false) => (
+            Determination::Sloppy.as_str().to_owned(),
+            Some(Tone::Doubtful),
+        ),
         (Some(Determination::NotDetermined), false) => {
             ("not determined".to_owned(), Some(Tone::Doubtful))
         }
@@ -522,7 +529,14 @@ fn posterior(record: &PatientRecord, talk: &Talk) -> String {
     };
     let mut table = Columns::new(
         talk,
-        &["HOW SURE", ">TWIN", ">5 %", ">50 %", ">95 %", "DATA SAY"],
+        &[
+            "UNCERTAINTY",
+            ">TWIN",
+            ">5 %",
+            ">50 %",
+            ">95 %",
+            "IDENTIFIABILITY",
+        ],
     );
     for (name, spread) in &result.parameters {
         let values = [
@@ -534,7 +548,7 @@ fn posterior(record: &PatientRecord, talk: &Talk) -> String {
         let mut row = vec![name.clone()];
         row.extend(values.map(|value| optional(Some(value))));
         let outside = if spread.excludes_twin() {
-            "; twin outside"
+            "; outside its 90 % interval"
         } else {
             ""
         };

@@ -67,11 +67,11 @@ fn of_ecg(prepared: &Prepared) -> Vec<String> {
     }
     match seen.cleaned {
         Some(Cleaned::Spikes) => said.push(
-            "pacing spikes were taken out of the electrocardiogram before R waves were found"
+            "pacing spikes were removed from the electrocardiogram before R waves were found"
                 .to_owned(),
         ),
         Some(Cleaned::SpikesAndHum) => said.push(
-            "the hum of mains was taken out of the electrocardiogram before R waves were found"
+            "the hum of mains was removed from the electrocardiogram before R waves were found"
                 .to_owned(),
         ),
         None => {}
@@ -196,7 +196,7 @@ fn drift(prepared: &Prepared, settings: &RawSteps) -> StepDone {
         );
     }
     let words = |(name, drift): &(&str, Drift)| {
-        let done = if drift.removed { "taken out" } else { "left" };
+        let done = if drift.removed { "removed" } else { "kept" };
         format!(
             "{name} {:+.2} mmHg/min (standard error {:.2}), {done}",
             drift.mmhg_per_min, drift.standard_error_mmhg_per_min

@@ -53,7 +53,7 @@ fn words(result: &PosteriorResult) -> String {
         &result.sampling,
     );
     let mut text = format!(
-        "The shaded bands contain 90 % of the hearts that agree with the data. Noise of the traces: {} mmHg, and {} mL per frame",
+        "The shaded bands are 90 % posterior bands. Noise of the traces: {} mmHg, and {} mL per frame",
         significant(noise.pressure_rms_mmhg, 2),
         significant(noise.volume_rms_ml, 2),
     );
@@ -251,7 +251,7 @@ fn parameters(result: &PosteriorResult) -> Markup {
                         td.num { (significant(spread.twin, 3)) }
                         (interval(&spread.posterior))
                         td { (picture(spread)) }
-                        td { (spread.mark.as_str()) @if spread.excludes_twin() { "; twin outside" } }
+                        td { (spread.mark.as_str()) @if spread.excludes_twin() { "; outside its 90 % interval" } }
                     }
                 }
             }

@@ -129,10 +129,10 @@ fn conditions(conditions: &[Condition]) -> Markup {
             @for c in conditions {
                 @let (class, sign, word) = match c.passed {
                     Some(true) => ("good", "●", "passed"),
-                    Some(false) => ("warn", "▲", "missed"),
+                    Some(false) => ("warn", "▲", "failed"),
                     None => ("quiet", "○", "open"),
                 };
-                li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) " (required: " (c.limit) ")" } }
+                li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) ", limit " (c.limit) } }
             }
         }
     }

@@ -88,7 +88,7 @@ fn wider(idx: usize, target: f64, value: f64, beyond: &[Beyond]) -> String {
     helping.retain(|(gain, _)| *gain >= HELPS);
     helping.sort_by(|a, b| b.0.total_cmp(&a.0));
     if helping.is_empty() {
-        return "; no bound stands in its way: the model cannot combine it with the other targets"
+        return "; not limited by a bound: the model cannot combine it with the other targets"
             .to_owned();
     }
     let named = helping.iter().take(NAMED).map(|(gain, change)| {
@@ -98,11 +98,11 @@ fn wider(idx: usize, target: f64, value: f64, beyond: &[Beyond]) -> String {
             "lower"
         };
         format!(
-            "{} past its {side} bound {} ({:.0} % of the miss at {})",
+            "{} past its {side} bound {} (a bound of {} would close {:.0} % of the gap)",
             change.name,
             short(change.bound),
+            short(change.value),
             100.0 * gain,
-            short(change.value)
         )
     });
     format!("; nearer with {}", named.collect::<Vec<_>>().join(", "))
@@ -189,15 +189,11 @@ mod tests {
         ];
         let texts = describe(&TARGETS, &reached, &changes, Some(120.0), 50.0);
         assert_eq!(texts.len(), 1);
-        let end = "; nearer with helps_more past its upper bound 7 (60 % of the miss at 7.4), \
-                   helps past its upper bound 7 (20 % of the miss at 7.4)";
+        let end = "; nearer with helps_more past its upper bound 7 (a bound of 7.4 would close 60 % of the gap), \
+                   helps past its upper bound 7 (a bound of 7.4 would close 20 % of the gap)";
         assert!(texts[0].ends_with(end), "{}", texts[0]);
         let texts = describe(&TARGETS, &reached, &[], Some(120.0), 50.0);
-        assert!(
-            texts[0].contains("no bound stands in its way"),
-            "{}",
-            texts[0]
-        );
+        assert!(texts[0].contains("not limited by a bound"), "{}", texts[0]);
     }
 
     #[test]

@@ -48,7 +48,7 @@ pub struct DiscoverArgs {
     /// Seed of the bootstrap [default: 1]
     #[arg(long, value_name = "SEED")]
     pub(super) seed: Option<u64>,
-    /// Drop `effects`, `seed`, `mesh-nodes` or `all` from the options kept with the searches (may be
+    /// Drop `effects`, `seed`, `mesh-nodes` or `all` from the saved options of the searches (may be
     /// given several times)
     #[arg(long, value_name = "NAME")]
     pub(super) unset: Vec<String>,

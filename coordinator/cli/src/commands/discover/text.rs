@@ -53,8 +53,8 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     }
     text.push_str(&ranking.text());
     text.push_str(&format!(
-        "an effect is named if its evidence, prior odds included, exceeds {:.1}; the best unnamed \
-         competitor has {:.1}\n\n",
+        "an effect is named if its evidence, prior odds included, exceeds {:.1}; the best generic \
+         alternative has {:.1}\n\n",
         found.findings.threshold, found.findings.nameless_evidence
     ));
     text.push_str(&places(case, talk));
@@ -88,11 +88,11 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
             .how
             .as_ref()
             .map_or(String::new(), |how| format!(": {how}"));
-        text.push_str(&format!(
-            "{} in three dimensions: {}{how}\n",
-            effect.name,
-            effect.in_3d.way.replace('-', " ")
-        ));
+        let way = match effect.in_3d.way.as_str() {
+            "as-it-is" => "used unchanged in 3D".to_owned(),
+            way => format!("in 3D {}", way.replace('-', " ")),
+        };
+        text.push_str(&format!("{}: {way}{how}\n", effect.name));
     }
     text.push('\n');
     text
@@ -279,7 +279,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
             ">AFTER",
             ">HELD OUT",
             ">AFTER",
-            "CANNOT BE TOLD FROM",
+            "INDISTINGUISHABLE FROM",
         ],
     );
     for case in cases.values() {
@@ -313,7 +313,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
             "EFFECT",
             ">ACCEPTED IN",
             ">POOLED EVIDENCE",
-            "A FAULT OF",
+            "ATTRIBUTED TO",
             "DOMINATED BY",
         ],
     );
@@ -352,7 +352,7 @@ fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
         ">TWIN",
         ">ORGAN'S MODEL",
         ">CELL",
-        "MOSTLY A FAULT OF",
+        "MOSTLY ATTRIBUTED TO",
     ];
     let mut table = Columns::new(talk, &headings);
     let personalised = cases

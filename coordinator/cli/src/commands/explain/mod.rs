@@ -150,7 +150,7 @@ fn of_stall(record: &PatientRecord, folders: &Folders) -> String {
         folders.run_command(),
     );
     format!(
-        "step 1 stalled: {why}\n  the patient goes on from simulation {}; from the stored simulations, with other \
+        "step 1 stalled: {why}\n  the patient continues with simulation {}; from the stored simulations, with other \
          settings: `cardiotwin rerun {id} --from step1 {change}{of}`, then {run}; also --bounds \
          NAME=LOW,HIGH, a shorter solver.time_step_ms or solver.shortest_step_ms, and on a cluster a longer \
          walltime\n",

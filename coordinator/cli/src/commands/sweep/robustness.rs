@@ -86,7 +86,7 @@ pub struct RobustnessArgs {
     /// Set KEY to VALUE, overriding all files (may be given several times); `config show` lists the keys
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Drop KEY, or `all`, from the options kept with this sweep (may be given several times)
+    /// Drop KEY, or `all`, from the saved options of this sweep (may be given several times)
     #[arg(long, value_name = "KEY")]
     unset: Vec<String>,
     /// Redo finished members without a question where settings have changed

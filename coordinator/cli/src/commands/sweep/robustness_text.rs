@@ -130,11 +130,11 @@ fn conditions(conditions: &[Condition], talk: &Talk) -> String {
     let line = |c: &Condition| {
         let (word, tone) = match c.passed {
             Some(true) => ("passed", Tone::Good),
-            Some(false) => ("missed", Tone::Doubtful),
+            Some(false) => ("failed", Tone::Doubtful),
             None => ("open  ", Tone::Quiet),
         };
         format!(
-            "{}  {}: {} (required: {})\n",
+            "{}  {}: {}, limit {}\n",
             paint(talk.colour_out, tone, word),
             c.name,
             c.found,
