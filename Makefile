@@ -43,14 +43,14 @@ demo: deps-demo build ## find a hidden effect, personalise the bundled seven-pat
 test: ## set up what is missing, then pass every check and test; prints how long each part took
 	@.ci/parts.sh
 
-test-all: ## as `make test`, with the long tests of the wheel, the book and Slurm (an hour and a half on two cores)
+test-all: ## as `make test`, with the long tests of the wheel, the reported numbers, the book and Slurm (how long they took: docs/long-tests.md)
 	@CARDIOTWIN_TESTS=all .ci/parts.sh
 
-test-long: ## the long tests alone: the wheel, the book, kills and ends of jobs on a real Slurm of this machine (half an hour after the build)
+test-long: ## the long tests alone: the wheel, the reported numbers, the book, kills and ends of jobs on a real Slurm of this machine (how long they took: docs/long-tests.md)
 	@CARDIOTWIN_TESTS=long .ci/parts.sh
 
 MPICH_TARGET := $(TARGET)/mpich
-test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests and a cohort's on MPICH's ranks (minutes; Debian: mpich libmpich-dev)
+test-mpich: ## build the worker with MPICH beside Open MPI, and pass its tests and a cohort's on MPICH's ranks (Debian: mpich libmpich-dev)
 	MPICC=mpicc.mpich CARDIOTWIN_MPIRUN=mpirun.mpich CARGO_TARGET_DIR=$(MPICH_TARGET) \
 		$(CARGO) test --release --locked --package cardiotwin-worker --features mpi --test mpi
 	$(CARGO) test --release --locked --workspace --test slurm -- --ignored MPICH
@@ -74,7 +74,7 @@ package: ## make dist/cardiotwin-VERSION-ARCH.tar.gz with a static coordinator (
 vendor: ## make dist/cardiotwin-VERSION-source.tar.gz with the sources of all dependencies, for builds without network
 	deploy/vendor.sh dist
 
-bench: build-all ## measure the figures of docs/benchmarks.md on this machine (minutes)
+bench: build-all ## measure the figures of docs/benchmarks.md on this machine
 	$(CARGO) bench --locked --manifest-path dev/Cargo.toml --workspace
 	$(BIN)/cardiotwin-dev bench beat
 	$(BIN)/cardiotwin-dev bench cell
@@ -85,7 +85,7 @@ bench: build-all ## measure the figures of docs/benchmarks.md on this machine (m
 	folder=$$(mktemp -d) && $(BIN)/cardiotwin sweep gsa --out $$folder/gsa; status=$$?; rm -rf -- "$$folder"; exit $$status
 
 PYTHON_ENV := $(TARGET)/work-precision-env
-work-precision: ## measure and draw docs/images/work-precision.svg beside SciPy's solvers (minutes, Python 3.11 or newer)
+work-precision: ## measure and draw docs/images/work-precision.svg beside SciPy's solvers (Python 3.11 or newer)
 	test -x $(PYTHON_ENV)/bin/python || python3 -m venv $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install --quiet --requirement solver/cell-engine/reference/requirements.txt
 	PYTHONDONTWRITEBYTECODE=1 $(PYTHON_ENV)/bin/python -W ignore solver/cell-engine/reference/work_precision.py
@@ -94,7 +94,7 @@ EVALUATION := $(TARGET)/evaluate-discover
 JOBS ?= 2
 EXAMPLE := $(CARGO) run $(DEV) --quiet --example
 # Healthy hearts of seed 900 are kept apart: nothing is evaluated on them.
-learn-discrepancies: ## learn how the base model of discover misses healthy hearts of three formulations: writes solver/discover/src/learnt.json (half an hour)
+learn-discrepancies: ## learn how the base model of discover misses healthy hearts of three formulations: writes solver/discover/src/learnt.json
 	mkdir -p $(EVALUATION)
 	$(EXAMPLE) finite-element-hearts -- $(EVALUATION)/finite-element-900.jsonl --nulls 40 --seed 900 --jobs $(JOBS)
 	$(EXAMPLE) discrepancies -- solver/discover/src/learnt.json --hearts 100 --seed 900 --beats $(EVALUATION)/finite-element-900.jsonl --jobs $(JOBS)
@@ -107,7 +107,7 @@ IN_3D := --nulls 24 --singles 36 --seed $(EVALUATION_SEED)
 CLINIC := --no-visibility --measurements aortic_pressure,aortic_flow,mitral_flow,atrial_pressure,valve_times,qrs
 # Labels of a set with further measurements are those of the same hearts without them.
 SETS := elastance sarcomeres finite-element elastance-clinic sarcomeres-clinic same
-evaluate-discover: ## search the made patients of docs/missing-effects.md and draw its pictures (hours; goes on where it stopped)
+evaluate-discover: ## search the made patients of docs/missing-effects.md and draw its pictures (long; goes on where it stopped)
 	mkdir -p $(EVALUATION)
 	$(EXAMPLE) finite-element-hearts -- $(EVALUATION)/finite-element.jsonl $(IN_3D) --jobs $(JOBS)
 	$(EXAMPLE) validation -- $(EVALUATION)/elastance $(HEARTS) --off 6
@@ -122,7 +122,7 @@ evaluate-discover: ## search the made patients of docs/missing-effects.md and dr
 # Of patients that nobody has looked at while choosing anything; 20261124 and 20261125 were looked at.
 SECOND_COHORT_SEED ?= 20261126
 SECOND_COHORT := $(TARGET)/second-cohort
-second-cohort: build ## make twenty patients of another formulation, on whom nothing was chosen, and personalise them (docs/step3.md; 10 minutes)
+second-cohort: build ## make twenty patients of another formulation, on whom nothing was chosen, and personalise them (docs/step3.md)
 	$(EXAMPLE) validation -- $(SECOND_COHORT) --nulls 20 --singles 0 --seed $(SECOND_COHORT_SEED) --no-visibility --jobs $(JOBS)
 	$(BIN)/cardiotwin run $(SECOND_COHORT) || [ $$? = 7 ] # 7: a twin is off
 
@@ -145,10 +145,10 @@ VERIFY_TABLES := $(patsubst %,$(VERIFY)/arostica2025-lv-%-cohort.csv,0a 1 0b) $(
 	$(patsubst %,$(VERIFY)/static-%.csv,contraction inflation beam sphere order) \
 	$(patsubst %,$(VERIFY)/motion-%.csv,order energy cube) $(patsubst %,$(VERIFY)/ep-%.txt,cell waves traces eikonal) \
 	$(patsubst %,$(VERIFY)/twins-%.csv,finite-element reduced)
-worked-changes: ## apply the diffs of CONTRIBUTING.md to a copy, build it, and try each change (ten minutes)
+worked-changes: ## apply the diffs of CONTRIBUTING.md to a copy, build it, and try each change
 	tests/worked-changes.sh $(TARGET)/worked-changes
 
-verify: build-all ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics, the twins of all seven patients (half an hour after the build)
+verify: build-all ## compute docs/verification.md and its plots: benchmarks of the 3D mechanics, the twins of all seven patients
 	$(CARGO) build $(DEV) --quiet --package cardiotwin-dev-solver --examples
 	mkdir -p $(VERIFY)
 	$(MAKE) --no-print-directory --jobs=2 VERIFIED=$(VERIFIED) $(VERIFY_TABLES)
@@ -174,7 +174,7 @@ $(VERIFY)/twins-%.csv:
 	PYTHONDONTWRITEBYTECODE=1 python3 dev/solver/verification/twins.py $(BIN)/cardiotwin $(VERIFY)/coa-$* > $@.part && mv $@.part $@
 
 KILLS ?= 10000
-slurm-kills: build ## kill everything that can be killed during cohorts on a real Slurm of this machine, and on the modelled one (25 minutes)
+slurm-kills: build ## kill everything that can be killed during cohorts on a real Slurm of this machine, and on the modelled one
 	CARDIOTWIN_KILLS=$(KILLS) $(CARGO) test --release --locked --workspace --lib random_kills -- --nocapture
 	$(CARGO) test --release --locked --workspace --test slurm -- --ignored
 

@@ -186,6 +186,9 @@ if ! has_time 300 "long tests: python"; then
     :
 elif python3 -c 'import ensurepip' 2>/dev/null && python/maturin.sh "$target" >/dev/null; then
     long_part 300 "long tests: python" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
+    # With the NumPy of the part before.
+    long_part 600 "long tests: second opinion" env CARDIOTWIN="$target/release/cardiotwin" CARDIOTWIN_OPINION=all PYTHONDONTWRITEBYTECODE=1 \
+        "$target/python-test/env/bin/python" -m pytest -p no:cacheprovider --noconftest -q python/tests/test_second_opinion.py
 else
     skipped "long tests: python" python-packages "PyPI does not answer, or python3 has no venv"
 fi

@@ -1,15 +1,17 @@
 #!/usr/bin/env bash
 # Makes the wheel, installs it into a new virtual environment, and tests what was installed: types, style, python/tests, the notebooks.
 # Packages come from the index of pip. Usage: python/test.sh [--brief] [ARGUMENTS OF PYTEST]
-# --brief leaves out the notebooks, polars, xarray and types, which need large packages.
+# --brief leaves out the notebooks, polars, xarray and types, which need large packages, and the long kinds of the second opinion.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 extras=parquet,polars,xarray,notebooks
 left_out=()
+export CARDIOTWIN_OPINION=${CARDIOTWIN_OPINION:-all}
 if [ "${1:-}" = --brief ]; then
     shift
     extras=parquet
+    CARDIOTWIN_OPINION=quick
     left_out=(--ignore="$PWD/python/tests/test_notebooks.py" -k "not polars_and_xarray")
 fi
 
@@ -33,4 +35,5 @@ fi
 # Out of the source tree, so that only the installed package is found.
 tests=$PWD/python/tests
 cd "$folder"
+export CARDIOTWIN=$folder/env/bin/cardiotwin
 PYTHONDONTWRITEBYTECODE=1 PYVISTA_OFF_SCREEN=true MPLBACKEND=agg "$folder/env/bin/python" -m pytest -p no:cacheprovider --import-mode=importlib -q "$tests" "${left_out[@]}" "$@"

@@ -1,4 +1,4 @@
-"""`examples/own-anatomy/mesh_from_image.py` on images as clinics send them: units of the header, and four dimensions."""
+"""`examples/own-anatomy/mesh_from_image.py` on images as clinics send them: units of the header, four dimensions."""
 
 import importlib.util
 from pathlib import Path
@@ -33,7 +33,8 @@ def made(folder, values, unit="mm", scale=1.0):
     return path
 
 
-BALL = (np.add.outer(np.add.outer(np.arange(-30, 30) ** 2, np.arange(-30, 30) ** 2), np.arange(-30, 30) ** 2) < 625).astype(np.int16)
+SQUARES = np.arange(-30, 30) ** 2
+BALL = (np.add.outer(np.add.outer(SQUARES, SQUARES), SQUARES) < 625).astype(np.int16)
 # 4/3 π 25³ mm³
 BALL_ML = 4 / 3 * np.pi * 25**3 * 1e-3
 
@@ -84,5 +85,5 @@ def test_a_small_file_that_claims_very_many_voxels_is_refused_before_it_is_unpac
     path.write_bytes(gzip.compress(header.binaryblock + bytes(4) + bytes(1 << 20)))
     with pytest.raises(SystemExit, match="30000 x 30000 x 30000 voxels, expected at most 1000000000; save a part"):
         script.labels_in_mm(path)
-    with pytest.raises(SystemExit, match="expected at most .*give a larger --voxel-mm"):
+    with pytest.raises(SystemExit, match=r"expected at most .*give a larger --voxel-mm"):
         script.surface_of_labels(made(tmp_path, BALL), [1], 0.001, 1.0)

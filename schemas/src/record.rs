@@ -62,6 +62,10 @@ pub struct PatientRecord {
     pub targets: Option<TaskRecord<TargetsResult>>,
     /// Result of step 2.
     pub cell_fit: Option<TaskRecord<CellFitResult>>,
+    /// Fit of step 2's cell in the organ's law, whose cell the verification beat has; absent for a
+    /// reduced ventricle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub organ_fit: Option<TaskRecord<Step3ProposalResult>>,
     /// Result of the verification beat.
     pub verification: Option<TaskRecord<OrganBeatResult>>,
     /// Cost of the verification beat by the formula of step 1.
@@ -81,6 +85,10 @@ pub struct PatientRecord {
     pub verdict: Option<Verdict>,
     /// Failure that holds the patient, if there is one.
     pub failure: Option<Failure>,
+    /// Wall time of the patient's finished tasks that have no record of their own: failures, such as
+    /// simulations that diverged, and proposals that no simulation followed.
+    #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
+    pub other_wall_s: f64,
     /// Results for the same ventricle before effects were accepted, if this run simulated it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before: Option<Box<BeforeEffects>>,

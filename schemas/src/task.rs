@@ -92,8 +92,8 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::OrganBeat(_) => 14,
-            Self::PassiveState(_) => 9,
-            Self::Discover(_) => 9,
+            Self::PassiveState(_) => 10,
+            Self::Discover(_) => 10,
             Self::Step1Proposal(_) | Self::Step3Proposal(_) => 9,
             Self::CellFit(_) => 6,
             Self::CellSweep(_) => 4,

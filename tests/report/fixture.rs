@@ -612,6 +612,8 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             Some(seed),
             fit,
         )),
+        organ_fit: None,
+        other_wall_s: 0.0,
         verification: Some(folder.record(
             "verification",
             id,

@@ -87,9 +87,11 @@ fn a_heart_from_files_is_the_heart_that_was_written() {
     let folder = tempfile::tempdir().unwrap();
     let generated = figures(&spec(), &folder.path().join("generated"));
     let own = clinic(folder.path(), 138.5);
+    // The wall's volume is the mesh's, whatever the patient's file lacks.
     let read = figures(
         &PassiveStateSpec {
             own_mesh: Some(own.clone()),
+            wall_volume_ml: None,
             ..spec()
         },
         &folder.path().join("read"),
@@ -99,6 +101,7 @@ fn a_heart_from_files_is_the_heart_that_was_written() {
         (generated.nodes, generated.elements)
     );
     let pairs = [
+        (read.wall_volume_ml, generated.wall_volume_ml),
         (read.image_volume_ml, generated.image_volume_ml),
         (read.unloaded_volume_ml, generated.unloaded_volume_ml),
         (read.stiffness_kpa, generated.stiffness_kpa),

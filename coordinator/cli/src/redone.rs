@@ -51,12 +51,19 @@ fn took<T>(stage: Stage, number: u32, task: &Option<TaskRecord<T>>) -> Option<(S
 
 /// Finished tasks of a patient from a step on: their number, and the wall time that they took \[s\].
 fn cost(record: &PatientRecord, from: Step) -> (usize, f64) {
-    let of_step1 = (record.iterations.iter()).map(|i| took(Stage::Step1, i.number, &i.run));
-    let of_step3 = (record.step3_iterations.iter()).map(|i| took(Stage::Step3, i.number, &i.run));
+    let of_step1 = record.iterations.iter().flat_map(|i| {
+        let proposal = took(Stage::Step1Proposal, i.number, &i.proposal);
+        [proposal, took(Stage::Step1, i.number, &i.run)]
+    });
+    let of_step3 = record.step3_iterations.iter().flat_map(|i| {
+        let proposal = took(Stage::Step3Proposal, i.number, &i.proposal);
+        [proposal, took(Stage::Step3, i.number, &i.run)]
+    });
     [
         took(Stage::Step0, 1, &record.step0),
         took(Stage::Targets, 1, &record.targets),
         took(Stage::Step2, 1, &record.cell_fit),
+        took(Stage::Step2Organ, 1, &record.organ_fit),
         took(Stage::Verification, 1, &record.verification),
         took(Stage::Posterior, 1, &record.posterior),
     ]

@@ -268,16 +268,7 @@ fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
             None,
         ));
     }
-    let walls_s: Vec<f64> = view
-        .tasks()
-        .iter()
-        .map(|(.., provenance)| provenance.wall_s)
-        .collect();
-    let time = if walls_s.is_empty() {
-        "-".to_owned()
-    } else {
-        duration(walls_s.iter().sum())
-    };
+    let time = view.wall_s().map_or("-".to_owned(), duration);
     let n = rows.len();
     for (i, (row, _)) in rows.iter_mut().enumerate() {
         row.push((

@@ -13,6 +13,7 @@ use cardiotwin_schemas::record::{
 };
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::patient::Stage;
 use cardiotwin_workflow::task::Task;
 use sqlx::Row as _;
 use sqlx::sqlite::SqliteRow;
@@ -168,7 +169,21 @@ pub(super) fn patient(
             misfit: iteration.misfit,
             verdict: iteration.verdict.clone(),
         });
+    let other_wall_s = chain
+        .steps()
+        .filter_map(|(step, key)| {
+            let task = settled.get(key)?;
+            let was_followed = match step.stage {
+                Stage::Step1Proposal => step.number as usize <= chain.iterations.len(),
+                Stage::Step3Proposal => step.number as usize <= chain.step3_iterations.len(),
+                _ => true,
+            };
+            let has_record = was_followed && matches!(task.state, Task::Published { .. });
+            (!has_record).then_some(task.outcome.as_ref()?.provenance.wall_s)
+        })
+        .fold(0.0, |sum, wall_s| sum + wall_s);
     PatientRecord {
+        other_wall_s,
         step3_iterations: step3_iterations.collect(),
         step0: find(settled, chain.step0.as_ref(), |result| match result {
             TaskResult::PassiveState(r) => Some(r.clone()),
@@ -181,6 +196,10 @@ pub(super) fn patient(
         }),
         cell_fit: find(settled, chain.cell_fit.as_ref(), |result| match result {
             TaskResult::CellFit(r) => Some(r.clone()),
+            _ => None,
+        }),
+        organ_fit: find(settled, chain.organ_fit.as_ref(), |result| match result {
+            TaskResult::Step3Proposal(r) => Some(r.clone()),
             _ => None,
         }),
         verification: find(settled, chain.verification.as_ref(), organ_beat),

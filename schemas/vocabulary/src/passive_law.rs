@@ -18,8 +18,8 @@ pub enum MuscleLaw {
     NeoHookean,
 }
 
-/// Constants of Holzapfel and Ogden's law. The defaults are those of Holzapfel and Ogden 2009 for
-/// the shear tests of Dokos et al. 2002.
+/// Constants of Holzapfel and Ogden's law. The defaults are those of the benchmark of Aróstica et
+/// al. 2025, by name of Holzapfel and Ogden 2009, which was not read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HolzapfelOgden {
@@ -58,7 +58,7 @@ pub struct HolzapfelOgden {
 }
 
 impl HolzapfelOgden {
-    /// The constants of Aróstica et al. 2025, CMAME 435:117485, which are those of 2009.
+    /// The constants of Aróstica et al. 2025, CMAME 435:117485, as a participant's program has them.
     #[must_use]
     pub const fn arostica2025() -> Self {
         Self {

@@ -57,14 +57,14 @@ impl Tolerance {
 }
 
 /// Smooth error of a pressure that is transmitted through the lungs \[mmHg\]: they damp it by 2 to
-/// 4 mmHg (Eberli, in Cardiovascular Catheterization and Intervention, 2010, chapter 9).
+/// 4 mmHg (Eberli, in Cardiovascular Catheterization and Intervention, 2010, chapter 9, abstract).
 const WEDGE_SMOOTH_MMHG: f64 = 3.0;
 /// Error of the model's times of the valves \[ms\], in the order of
 /// [`crate::further::ValveTimes::NAMES`]: root mean squares in healthy hearts of two other formulations
 /// (`examples/tolerances`).
 pub const VALVE_MODEL_SD_MS: [f64; 4] = [3.0, 3.0, 5.0, 5.0];
-/// Spread of the duration of QRS among hearts that conduct normally \[ms\]: 70 to 110 ms contain
-/// nearly all (Surawicz et al. 2009, J Am Coll Cardiol 53:976).
+/// Spread of the duration of QRS among hearts that conduct normally \[ms\], our value: men have 74 to
+/// 114 ms in a summary of Surawicz et al. 2009, J Am Coll Cardiol 53:976, which was not read itself.
 pub const QRS_MODEL_SD_MS: f64 = 10.0;
 /// Shortest half-width of the interval of the straight line that gives the slope of a trace \[ms\].
 const SLOPE_MS: f64 = 10.0;

@@ -28,14 +28,15 @@ const TOLERANCE: f64 = 2e-4;
 const BEATS: usize = 25;
 
 /// Bounds of the inertances of the blood in the valves \[mmHg·s²/mL\]: ρ l/A for a column of 0.25 cm
-/// in 10 cm² to one of 10 cm in 5 cm². The priors' medians belong to about 1 cm in 4 cm² (Mynard et
-/// al. 2012, Int J Numer Meth Biomed Eng 28:626).
+/// in 10 cm² to one of 10 cm in 5 cm². The priors' medians belong to about 1 cm in 4 cm². All are our
+/// values (Mynard et al. 2012, Int J Numer Meth Biomed Eng 28:626, was not read).
 const INERTANCES: (f64, f64) = (2e-5, 1.5e-3);
 
 /// Compliance of the left atrium with the lung veins where no atrial pressure was measured
 /// \[mL/mmHg\]: some 45 mL that collect in systole raise its pressure by 3 mmHg.
 const ATRIAL_COMPLIANCE: f64 = 15.0;
-/// Duration of a normal QRS \[ms\] (Surawicz et al. 2009, J Am Coll Cardiol 53:976: up to 110 ms).
+/// Duration of a normal QRS \[ms\], our value. A summary of Surawicz et al. 2009, J Am Coll Cardiol
+/// 53:976, has up to 110 ms, and 95 ms as the mean of men.
 /// The spread of the base's activation is no part of it: in fits to healthy hearts it is 20 to 80 ms,
 /// as their formulation asks (`examples/tolerances`).
 const NORMAL_QRS_MS: f64 = 90.0;
@@ -192,8 +193,8 @@ fn base_priors(m: &Measured) -> Vec<Parameter> {
 /// steady beat.
 ///
 /// The filling pressure is free within a factor of some four. Reflexes change resistance and
-/// contractility within some beats (Burkhoff, Mirsky and Suga 2005, Am J Physiol 289:H501, ask for the
-/// first beats of an occlusion for that reason): by a fifth and by a tenth here.
+/// contractility within some beats: by a fifth and by a tenth here (our values; Burkhoff, Mirsky and
+/// Suga 2005, Am J Physiol 289:H501, was not read).
 fn further_priors(m: &Measured) -> Vec<Parameter> {
     let mut list = Vec::new();
     if m.further.has(FurtherQuantity::AtrialPressure) {

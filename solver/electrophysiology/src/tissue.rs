@@ -17,8 +17,8 @@ pub struct Tissue {
     pub capacitance_uf_cm2: f64,
 }
 
-/// Surface-to-volume ratio \[1/mm\]. Source: Niederer et al. 2011, Phil. Trans. R. Soc. A 369,
-/// 4331, Table 2.
+/// Surface-to-volume ratio \[1/mm\] of the benchmark of Niederer et al. 2011, Phil. Trans. R. Soc. A
+/// 369, 4331, read in public programs that solve it.
 pub const SURFACE_TO_VOLUME_PER_MM: f64 = 140.0;
 
 /// Speed of a plane wave of the Luo-Rudy membrane from rest, divided by the square root of the

@@ -39,7 +39,7 @@ const FALL_SD: (f64, f64) = (0.14, 0.2);
 /// Range of q in the hearts of the regression. The relation is not continued beyond it.
 const FALL_RANGE: (f64, f64) = (0.9, 2.4);
 /// Duration of ejection as a function of heart rate: 413 ms − 1.7 ms for each beat per minute
-/// (Weissler, Harris and Schoenfeld 1968, Circulation 37:149, men).
+/// (Weissler, Harris and Schoenfeld 1968, Circulation 37:149, for men; it was not read).
 const DURATION: (f64, f64) = (413.0, 1.7);
 /// Prior standard deviation of the factor s around the value from this duration.
 const FACTOR_SD: f64 = 0.05;

@@ -2,7 +2,8 @@
 
 use cardiotwin_units::{Ml, Mmhg};
 
-/// Unloaded volume after Klotz 2006: V0 = EDV (0.6 − 0.006 EDP), EDP in mmHg.
+/// Unloaded volume after Klotz 2006: V0 = EDV (0.6 − 0.006 EDP), EDP in mmHg. The rule was read in
+/// public programs.
 #[must_use]
 pub fn klotz_unloaded_volume(end_diastolic_volume: Ml, end_diastolic_pressure: Mmhg) -> Ml {
     Ml(end_diastolic_volume.0 * (0.6 - 0.006 * end_diastolic_pressure.0))

@@ -29,7 +29,7 @@ use crate::ventricle::stdout_of;
 #[derive(Debug, Args)]
 #[command(
     after_help = "--opencarp writes for each patient, into OUT/opencarp/PATIENT: tanh.par and \
-                  land17.par (active stress of step 1 and step 2), calcium.csv, and in 3D \
+                  land17.par (active stress of step 1 and of the twin), calcium.csv, and in 3D \
                   heart.pts, .elem, .lon, .surf and activation.dat.\n\
                   --ro-crate writes OUT/ro-crate: tables, traces, report, each patient's record and \
                   parameters, and the programs that computed them. Inputs are identified by their \
@@ -159,12 +159,8 @@ fn opencarp(patient: &PatientRecord, worker: &Path, out: &Path) -> Result<Vec<Pa
     let best = PatientView(patient)
         .best_iteration()
         .and_then(|iteration| iteration.run.as_ref());
-    let beats = [
-        best,
-        patient.verification.as_ref(),
-        PatientView(patient).step3_beat(),
-    ];
-    let specs: Vec<PathBuf> = beats
+    // One beat of each model: a second cell would have the first one's files.
+    let specs: Vec<PathBuf> = [best, patient.twin()]
         .into_iter()
         .flatten()
         .map(|task| task.directory.join("spec.json"))

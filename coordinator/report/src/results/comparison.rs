@@ -194,6 +194,12 @@ impl<'a> PatientView<'a> {
         tasks.extend(self.0.cell_fit.as_ref().map(|r| entry("step 2", r)));
         tasks.extend(
             self.0
+                .organ_fit
+                .as_ref()
+                .map(|r| entry("step 2 in the organ", r)),
+        );
+        tasks.extend(
+            self.0
                 .verification
                 .as_ref()
                 .map(|r| entry("verification", r)),
@@ -216,12 +222,15 @@ impl<'a> PatientView<'a> {
         tasks
     }
 
-    /// Wall time of all published tasks, s; `None` before the first one.
+    /// Wall time of all finished tasks, those without a record of their own included, s; `None`
+    /// before the first one.
     #[must_use]
     pub fn wall_s(self) -> Option<f64> {
+        let other = Some(self.0.other_wall_s).filter(|wall_s| *wall_s > 0.0);
         self.tasks()
             .iter()
             .map(|(_, _, _, p)| p.wall_s)
+            .chain(other)
             .reduce(|a, b| a + b)
     }
 }
@@ -260,7 +269,7 @@ mod tests {
                     .iter()
                     .filter(|(key, _)| *key != "before")
                     .map(|(key, value)| match (key.as_str(), value.as_f64()) {
-                        ("wall_s", Some(wall)) => wall,
+                        ("wall_s" | "other_wall_s", Some(wall)) => wall,
                         _ => walls(value),
                     })
                     .sum(),
@@ -272,8 +281,16 @@ mod tests {
             env!("CARGO_MANIFEST_DIR"),
             "/../../schemas/tests/golden/run-record.json"
         );
-        let json: serde_json::Value =
+        let mut json: serde_json::Value =
             serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
+        let patients = json["patients"].as_array_mut().unwrap();
+        let proposal = patients
+            .iter()
+            .find_map(|p| p.pointer("/step3_iterations/0/proposal"))
+            .unwrap()
+            .clone();
+        patients[0]["organ_fit"] = proposal;
+        patients[0]["other_wall_s"] = 3.5.into();
         let run: cardiotwin_schemas::record::RunRecord =
             serde_json::from_value(json.clone()).unwrap();
         for (patient, json) in run

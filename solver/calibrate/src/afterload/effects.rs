@@ -25,7 +25,8 @@ pub struct Effect {
     pub meaning: &'static str,
     /// Equation in the form in which it is computed.
     pub equation: &'static str,
-    /// Publication from which the effect is taken.
+    /// Publication on the effect. Only the abstracts of Stergiopulos et al. 1999, of Westerhof et al.
+    /// 2009 and of Gardner 1981 were read. Ranges, starts and smallest values are ours.
     pub source: &'static str,
     /// Names of effects with exactly the same traces.
     pub same_as: &'static [&'static str],

@@ -2,8 +2,8 @@
 
 /// The length from which a cell's stretch is counted.
 ///
-/// A sarcomere knows its slack length (1.8 to 1.9 µm; ter Keurs 1980, Circ Res 46:703) and works between 1.8 and 2.2 µm
-/// (de Tombe 2010, J Mol Cell Cardiol 48:851); it does not know end-diastole.
+/// A sarcomere knows its slack length (about 1.9 µm in rats, at most about 2.3 µm: abstract of PMC2269383, which cites ter
+/// Keurs 1980, Circ Res 46:703, not read); it does not know end-diastole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum StretchReference {
     /// Length at end-diastole, as in the paper: the stretch is one there.

@@ -15,7 +15,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "The closed aortic valve lets blood back into the ventricle while it relaxes and fills.",
     equation: "Q = 50 A √(P_ao − P_lv) for P_ao > P_lv, into the ventricle (A in cm², Q in mL/s)",
-    source: "Gorlin and Gorlin 1951, Am Heart J 41:1; grades of orifice area: Zoghbi et al. 2017, J Am Soc Echocardiogr 30:303",
+    source: "Our values. A copy of the European table of grades has below 0.1 cm² for mild, from 0.3 cm² for severe. Zoghbi et al. 2017, J Am Soc Echocardiogr 30:303, and Gorlin and Gorlin 1951, Am Heart J 41:1, were not read",
     parameters: &[Parameter {
         name: "orifice_cm2",
         unit: "cm²",

@@ -16,7 +16,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "A narrow aortic valve costs a pressure that grows with the square of the flow.",
     equation: "P_lv − P_ao = R Q + B Q² for Q > 0",
-    source: "Garcia et al. 2000, Circulation 101:765 (energy loss of the jet); Baumgartner et al. 2017, J Am Soc Echocardiogr 30:372",
+    source: "Our values. The abstract of Garcia et al. 2000, Circulation 101:765 (energy loss of the jet), does not have them. Baumgartner et al. 2017, J Am Soc Echocardiogr 30:372, was not read beyond its abstract",
     parameters: &[Parameter {
         name: "loss_mmHg_s2_per_mL2",
         unit: "mmHg s²/mL²",

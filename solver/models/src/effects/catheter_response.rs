@@ -15,7 +15,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Artefact,
     meaning: "The catheter's fluid and tubing follow the pressure late, with ringing or rounded corners.",
     equation: "y'' + 2 ζ ω y' + ω² y = ω² P(t − lag), ω = 2π/period; the measured pressure is y",
-    source: "Gardner 1981, Anesthesiology 54:227 (natural frequency and damping of catheter systems)",
+    source: "Our values. The abstract of Gardner 1981, Anesthesiology 54:227 (errors by too little and too much damping), does not have them",
     parameters: &[
         Parameter {
             name: "natural_period_ms",

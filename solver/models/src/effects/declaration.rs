@@ -204,7 +204,7 @@ pub struct Effect {
     pub meaning: &'static str,
     /// Equation in the form in which it is computed.
     pub equation: &'static str,
-    /// Publication from which the effect is taken.
+    /// Publications on the effect, and what was read in them, in sentences without the last full stop.
     pub source: &'static str,
     /// Parameters, the strength first.
     pub parameters: &'static [Parameter],

@@ -14,7 +14,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "Part of the wall is activated late, as with a bundle branch block.",
     equation: "a share f of every activation group is activated a delay D later",
-    source: "Prinzen, Vernooy and Auricchio 2013, Circulation 128:2407; Kerckhoffs et al. 2003, Ann Biomed Eng 31:536 (activation in models)",
+    source: "Our values. Prinzen, Vernooy and Auricchio 2013, Circulation 128:2407, and Kerckhoffs et al. 2003, Ann Biomed Eng 31:536 (activation in models), were not read",
     parameters: &[
         Parameter {
             name: "delay_ms",

@@ -15,7 +15,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "The closed mitral valve lets blood back into the left atrium while the ventricle contracts.",
     equation: "Q = 50 A √(P_lv − P_la) for P_lv > P_la, out of the ventricle (A in cm², Q in mL/s)",
-    source: "Gorlin and Gorlin 1951, Am Heart J 41:1; grades of orifice area: Zoghbi et al. 2017, J Am Soc Echocardiogr 30:303",
+    source: "Our values. A handbook's table of grades has below 0.2 cm² for mild, from 0.4 cm² for severe. Zoghbi et al. 2017, J Am Soc Echocardiogr 30:303, and Gorlin and Gorlin 1951, Am Heart J 41:1, were not read",
     parameters: &[Parameter {
         name: "orifice_cm2",
         unit: "cm²",

@@ -15,7 +15,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "The wall stiffens more steeply with stretch: flat early, steep at the end of filling.",
     equation: "b → m b in σ_p = s (e^{b E} − 1), s such that the passive pressure at the reference volume stays",
-    source: "Guccione, McCulloch and Waldman 1991, J Biomech Eng 113:42; Zile, Baicu and Gaasch 2004, N Engl J Med 350:1953",
+    source: "Our values. The typical factor agrees with stiffness constants of 0.03 in patients and 0.01 in healthy people (Zile, Baicu and Gaasch 2004, N Engl J Med 350:1953, abstract). The abstract of Guccione, McCulloch and Waldman 1991, J Biomech Eng 113:42, has no such factor",
     parameters: &[Parameter {
         name: "exponent_factor",
         unit: "1",

@@ -14,7 +14,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "The pericardium presses on the heart from outside as it fills.",
     equation: "P_lv gains p exp((V − V_ref)/(c V_ref)), V_ref the volume of end-diastole",
-    source: "Freeman and LeWinter 1984, Circ Res 54:294 (exponential pericardial pressure-volume relation); Sun et al. 1997, Am J Physiol 272:H1499",
+    source: "Our values. The abstract of Freeman and LeWinter 1984, Circ Res 54:294 (pericardium of dogs), does not have them. Conscious dogs have 2 to 4 mmHg at end-diastole (Tyson et al. 1984, Circ Res 54:173, abstract). Sun et al. 1997, Am J Physiol 272:H1499, was not read",
     parameters: &[
         Parameter {
             name: "pressure_mmHg",

@@ -14,7 +14,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Artefact,
     meaning: "The transducer's zero is wrong: every pressure is too high or too low by the same amount.",
     equation: "P_measured = P + d",
-    source: "Gardner 1981, Anesthesiology 54:227; Courtois et al. 1995, Circulation 92:1994 (zero level of catheter transducers)",
+    source: "Our values. The abstract of Gardner 1981, Anesthesiology 54:227, has no offset. Courtois et al. 1995, Circulation 92:1994 (zero level of catheter transducers), was not read",
     parameters: &[Parameter {
         name: "offset_mmHg",
         unit: "mmHg",

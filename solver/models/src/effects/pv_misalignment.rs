@@ -14,7 +14,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Artefact,
     meaning: "The volume trace is early or late against the pressure trace.",
     equation: "V_measured(t) = V(t − D)",
-    source: "Xi et al. 2013, Med Image Anal 17:133 (catheter pressure put together with volumes of MRI)",
+    source: "Our values. The abstract of Xi et al. 2013, Med Image Anal 17:133 (catheter pressure put together with MRI), has no delay",
     parameters: &[Parameter {
         name: "volume_delay_ms",
         unit: "ms",

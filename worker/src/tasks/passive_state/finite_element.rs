@@ -179,6 +179,7 @@ fn mesh(
                 times_ms: None,
                 sites,
                 cavity_ml: image_ml,
+                wall_ml,
                 beside: BTreeSet::new(),
                 right_cavity_ml: None,
             }
@@ -497,8 +498,9 @@ pub(super) fn make(
             .surface
             .insert(surface_names::RIGHT_VENTRICLE.to_owned(), spring);
     }
+    // The volumes of wall and image are the mesh's own, whatever other images gave.
+    let wall_ml = own.as_ref().map_or(wall_ml, |own| own.wall_ml);
     if let Some(own) = &own {
-        // The image's volume is the mesh's own, whatever other images gave.
         if target.before_end_diastole {
             target.image_ml = own.cavity_ml;
         } else {

@@ -49,8 +49,12 @@ pub fn run(spec: &PassiveStateSpec, context: &mut Context) -> Result<TaskResult,
     let wall_volume_ml = accepted
         .map(|law| law.wall_volume_ml)
         .or(spec.wall_volume_ml);
-    let wall_volume_ml =
-        wall_volume_ml.unwrap_or_else(|| estimates::wall_volume(end_diastole, &mut estimates));
+    // A patient's own mesh has a wall: an estimate would be used nowhere.
+    let is_meshed = spec.own_mesh.is_some() && spec.finite_element.is_some();
+    let wall_volume_ml = wall_volume_ml.unwrap_or_else(|| match is_meshed {
+        true => estimates::wall_volume(end_diastole, &mut Vec::new()),
+        false => estimates::wall_volume(end_diastole, &mut estimates),
+    });
     let accepted = accepted
         .map(|law| accepted_law(law, end_diastole))
         .transpose()?;

@@ -31,6 +31,8 @@ pub(super) struct Taken {
     pub(super) cavity_ml: f64,
     /// Tags of the file whose tissue does not belong to the base, see [`tags::BESIDE`].
     pub(super) beside: BTreeSet<i32>,
+    /// Volume of the contracting wall \[mL\].
+    pub(super) wall_ml: f64,
     /// Volume of the right ventricle's cavity \[mL\], if a pressure is given for it.
     pub(super) right_cavity_ml: Option<f64>,
 }
@@ -142,7 +144,9 @@ pub(super) fn take(
     let right_cavity_ml = right
         .map(|_| volume_ml(surface_names::RIGHT_VENTRICLE))
         .transpose()?;
+    let wall_ml = mesh.tissue_volume(&[tags::LEFT_VENTRICLE]).0;
     Ok(Taken {
+        wall_ml,
         mesh,
         times_ms,
         sites,

@@ -100,11 +100,9 @@ pub fn metadata(
     for patient in &run.patients {
         actions.extend(of_patient(patient, inputs, &mut workers));
     }
-    let n_done = run
-        .patients
-        .iter()
-        .filter(|p| p.verification.is_some())
-        .count();
+    let count = |is: &dyn Fn(&PatientRecord) -> bool| run.patients.iter().filter(|p| is(p)).count();
+    let n_verified = count(&|p| p.verification.is_some());
+    let n_personalised = count(&|p| p.verdict.as_ref().is_some_and(|v| v.personalised));
     let license = options
         .license
         .clone()
@@ -121,8 +119,8 @@ pub fn metadata(
         "@id": "./", "@type": "Dataset",
         "name": format!("Personalised left ventricles of the cohort {}", run.cohort),
         "description": format!(
-            "{}{}{n_done} of {} patients personalised and verified, with a record for each patient, \
-             tables, traces and a report.",
+            "{}{}{n_verified} of {} patients verified in the organ, {n_personalised} of these \
+             personalised, with a record for each patient, tables, traces and a report.",
             run.description, if run.description.is_empty() { "" } else { " " }, run.patients.len()
         ),
         "datePublished": moment(&run.as_of),
