@@ -23,6 +23,7 @@ mod old_run;
 mod output;
 mod prepare;
 mod prepare_formats;
+mod printed;
 mod refused;
 mod requests;
 mod robustness;

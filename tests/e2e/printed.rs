@@ -1,0 +1,112 @@
+//! Output that pages show below `$ cardiotwin …` is what the command prints.
+
+use std::path::{Path, PathBuf};
+
+use crate::support::{cardiotwin, command};
+
+/// A command of a page, and the output shown below it.
+struct Shown {
+    page: String,
+    line: usize,
+    command: String,
+    output: Vec<String>,
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// All blocks whose first line begins with `$ cardiotwin`.
+fn shown() -> Vec<Shown> {
+    let folder = root().join("docs");
+    let mut pages: Vec<PathBuf> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|e| e == "md"))
+        .chain([root().join("README.md")])
+        .collect();
+    pages.sort();
+    let mut all = Vec::new();
+    for page in pages {
+        let text = std::fs::read_to_string(&page).unwrap();
+        let mut lines = text.lines().enumerate();
+        while let Some((_, fence)) = lines.next() {
+            if !fence.starts_with("```") {
+                continue;
+            }
+            let block: Vec<(usize, &str)> = lines
+                .by_ref()
+                .take_while(|(_, line)| *line != "```")
+                .collect();
+            let Some(((line, first), rest)) = block.split_first() else {
+                continue;
+            };
+            if let Some(command) = first.strip_prefix("$ cardiotwin ") {
+                all.push(Shown {
+                    page: page.file_name().unwrap().to_string_lossy().into_owned(),
+                    line: line + 1,
+                    command: command.to_owned(),
+                    output: rest.iter().map(|(_, line)| (*line).to_owned()).collect(),
+                });
+            }
+        }
+    }
+    all
+}
+
+/// A line without the widths of its columns, which rows that a page leaves out would change.
+fn words(line: &str) -> String {
+    line.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// The first shown line that the output lacks below the one before; `…` stands for any lines.
+fn first_missing<'a>(shown: &'a [String], printed: &str) -> Option<&'a str> {
+    let mut printed = printed.lines().map(words);
+    shown
+        .iter()
+        .filter(|line| words(line) != "…")
+        .find(|line| !printed.any(|found| found == words(line)))
+        .map(String::as_str)
+}
+
+#[test]
+fn output_on_pages_is_what_the_commands_print() {
+    let folder = tempfile::tempdir().unwrap();
+    let copied = std::process::Command::new("cp")
+        .arg("-r")
+        .arg(root().join("examples"))
+        .arg(folder.path())
+        .status();
+    assert!(copied.unwrap().success());
+    std::fs::create_dir_all(folder.path().join("docs/images")).unwrap();
+    // What the pages' commands need: a cohort whose runs and reruns the pages tell of.
+    cardiotwin(folder.path(), &["init", "my-cohort"]).expect(0);
+    let patients = folder.path().join("my-cohort/patients");
+    for patient in std::fs::read_dir(&patients).unwrap().flatten() {
+        if patient.file_name() != "04-CoA" {
+            std::fs::remove_dir_all(patient.path()).unwrap();
+        }
+    }
+    let set = "--fidelity reduced --no-report --set posterior.draws=40";
+    let run: Vec<&str> = ["run", "my-cohort"]
+        .into_iter()
+        .chain(set.split(' '))
+        .collect();
+    cardiotwin(folder.path(), &run).expect(0);
+    let shown = shown();
+    assert!(shown.len() >= 4, "{}", shown.len());
+    for block in shown {
+        let arguments: Vec<&str> = block.command.split_whitespace().collect();
+        let output = command(folder.path(), &arguments).output().unwrap();
+        let printed = String::from_utf8_lossy(&output.stdout);
+        let missing = first_missing(&block.output, &printed);
+        assert_eq!(
+            missing,
+            None,
+            "docs/{}:{}: not printed; the command printed\n{printed}\n{}",
+            block.page,
+            block.line,
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+}
