@@ -193,6 +193,7 @@ else
     skipped "long tests: python" python-packages "PyPI does not answer, or python3 has no venv"
 fi
 long_part 1200 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output
+long_part 300 "long tests: damaged files" "$CARGO" test "${everything[@]}" --test damaged_files -- --ignored
 long_part 1500 "long tests: slurm" "$CARGO" test "${everything[@]}" --test slurm -- --ignored
 
 summary

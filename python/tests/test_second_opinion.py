@@ -229,7 +229,9 @@ def test_samples_and_volume_balance_of_each_simulated_beat(case):
             own = mine.volume_balance(
                 traces["time_ms"], traces["volume_mL"], traces["mitral_flow_mL_per_s"], traces["aortic_flow_mL_per_s"]
             )
-            same(float(found.split()[0]), abs(own), (name, beat, "volume balance"), low=0.02)
+            # Where steps were cut, the file lacks the flows between its samples.
+            low = 0.02 if record["result"]["counters"]["cut_steps"] == 0 else 0.2
+            same(float(found.split()[0]), abs(own), (name, beat, "volume balance"), low=low)
 
 
 def test_measured_biomarkers_are_those_of_the_patients_own_traces(case):

@@ -53,6 +53,63 @@ fn rices_calcium_comes_from_a_measured_transient() {
     );
 }
 
+/// Numbers in nM under a header in µM: refused by the fit and by `check`, which name the unit.
+#[test]
+fn calcium_in_nanomoles_is_refused_with_its_unit() {
+    let text = std::fs::read_to_string(TRACE).unwrap();
+    let in_nm: String = text
+        .lines()
+        .map(
+            |line| match line.split_once(',').map(|(t, c)| (t, c.parse::<f64>())) {
+                Some((time, Ok(calcium))) => format!("{time},{}\n", 1000.0 * calcium),
+                _ => format!("{line}\n"),
+            },
+        )
+        .collect();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("nm.csv"), &in_nm).unwrap();
+    let refused = cardiotwin(folder.path(), &["fit", "calcium", "nm.csv"]);
+    assert_ne!(refused.code, 0);
+    assert!(
+        refused
+            .err
+            .contains("if the numbers are in nM: multiply by 0.001"),
+        "{}",
+        refused.err
+    );
+    cardiotwin(
+        folder.path(),
+        &["fit", "calcium", "nm.csv", "--accept", "calcium-range"],
+    )
+    .expect(0);
+
+    let cohort = Cohort::quick_of("01-CoA");
+    let patient = cohort.path().join("patients/01-CoA");
+    std::fs::write(patient.join("calcium.csv"), &in_nm).unwrap();
+    let file = patient.join("patient.toml");
+    let plain = std::fs::read_to_string(&file).unwrap();
+    let given = |more: &str| {
+        let text = plain.replace(
+            "[measured]\n",
+            &format!("[measured]\ncalcium = \"calcium.csv\"\n{more}"),
+        );
+        assert_ne!(text, plain);
+        std::fs::write(&file, text).unwrap();
+        cohort.call(&["check"])
+    };
+    let refused = given("");
+    let said = format!("{}{}", refused.out, refused.err);
+    assert_ne!(refused.code, 0, "{said}");
+    for part in [
+        "measured.calcium",
+        "in nM: multiply by 0.001",
+        "accept = [\"calcium-range\"]",
+    ] {
+        assert!(said.contains(part), "{part} is not in {said}");
+    }
+    given("accept = [\"calcium-range\"]\n").expect(0);
+}
+
 /// Both tables, in a cohort's file: `check` accepts them, and a run fixes or bounds calcium by
 /// them.
 #[test]

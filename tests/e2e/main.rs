@@ -29,6 +29,7 @@ mod requests;
 mod robustness;
 mod runs;
 mod schema;
+mod slurm_answers;
 mod slurm_environment;
 mod status_page;
 mod stops;

@@ -225,6 +225,35 @@ pub fn what_slurm_never_takes_is_told(cluster: &Cluster) {
     repaired.assert_done();
 }
 
+/// Slurm takes `SBATCH_*` of the environment before the options of a script.
+pub fn variables_of_the_caller_change_no_job(cluster: &Cluster) {
+    let cohort = Cohort::of(cluster, &["01-CoA"], SLOW)
+        .set("executor.slurm.account=t01")
+        .set("executor.slurm.queue=main");
+    let said = cohort
+        .command(&cohort.with_settings(&["advance"]))
+        .env("SBATCH_ACCOUNT", "otherbudget")
+        .env("SBATCH_PARTITION", "scavenge")
+        .env("SBATCH_QOS", "serial")
+        .env("SBATCH_RESERVATION", "old")
+        .env("SLURM_CLUSTERS", "elsewhere")
+        .output()
+        .expect("the program starts");
+    let err = String::from_utf8_lossy(&said.stderr);
+    assert_eq!(said.status.code(), Some(8), "{err}");
+    assert!(
+        err.contains("SBATCH_ACCOUNT=otherbudget") && err.contains("no effect"),
+        "{err}"
+    );
+    let queue = cluster.slurm("squeue", &["--me", "-h", "-o", "%j|%P|%a|%q"]);
+    let rows: Vec<&str> = queue.lines().collect();
+    assert!(
+        rows.len() == 1 && rows[0].ends_with("|main|t01|normal"),
+        "{queue}"
+    );
+    cohort.call(&["cancel", "--all"]);
+}
+
 pub fn a_preempted_job_is_submitted_again(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], SLOW).set("executor.slurm.queue=scavenge");
     cohort.running_job();

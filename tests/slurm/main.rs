@@ -135,6 +135,10 @@ const TESTS: &[Test] = &[
         failures::what_slurm_never_takes_is_told,
     ),
     (
+        "variables of the caller change no job",
+        failures::variables_of_the_caller_change_no_job,
+    ),
+    (
         "a preempted job is submitted again",
         failures::a_preempted_job_is_submitted_again,
     ),

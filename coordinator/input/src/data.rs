@@ -39,7 +39,7 @@ pub fn check(
     };
     let pressure = read(&measured.pressure, Quantity::Pressure);
     let volume = read(&measured.volume, Quantity::Volume);
-    read(&measured.calcium, Quantity::Calcium);
+    let calcium = read(&measured.calcium, Quantity::Calcium);
     let of_right = file
         .anatomy
         .mesh
@@ -85,6 +85,7 @@ pub fn check(
             .as_ref()
             .map(|flow| flow.volume_ml),
         windkessel: file.afterload,
+        calcium: calcium.as_ref().map(|(_, trace)| trace),
     };
     // Where a trace itself is wrong, what follows from it is not told.
     if !problems.iter().any(Problem::is_error) {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_input_files::{self as input_files, MaxBytes};
-use cardiotwin_lab_files::{Request, Table, Wanted, read};
+use cardiotwin_lab_files::{Request, Table, UNREAD, Wanted, read};
 use cardiotwin_recordings::cine::{Cine, CineError};
 use cardiotwin_recordings::recording::{Channels, Recording, RecordingError};
 use cardiotwin_schemas::hash::sha256_hex;
@@ -427,17 +427,34 @@ impl Reader<'_> {
             let values = table.columns.get(quantity)?;
             Some(values.iter().any(|v| v.is_finite()))
         };
-        for quantity in ["lv_pressure", "aortic_pressure", "flow"] {
-            if with_samples(quantity) == Some(false) {
-                let name = table.names.get(quantity).cloned().unwrap_or_default();
-                let problem = Problem::error(
+        let empty: Vec<&str> = ["lv_pressure", "aortic_pressure", "flow"]
+            .into_iter()
+            .filter(|quantity| with_samples(quantity) == Some(false))
+            .collect();
+        for quantity in empty {
+            let name = table.names.get(quantity).cloned().unwrap_or_default();
+            let found = format!("column `{name}` without a single sample");
+            let is_named = wanted
+                .iter()
+                .any(|wanted| wanted.quantity == quantity && wanted.given);
+            // The ventricle's pressure is what a recording is for, and what prepare.toml names is meant.
+            let problem = if quantity == "lv_pressure" || is_named {
+                Problem::error(
                     &path,
-                    format!("column `{name}` without a single sample"),
+                    found,
                     "samples in each channel that is read",
                     "export the channel, or remove its column",
-                );
-                self.report.add(None, problem.at_key(quantity));
-            }
+                )
+            } else {
+                table.columns.remove(quantity);
+                Problem::warning(
+                    &path,
+                    found,
+                    "samples in each channel that is read",
+                    "export the channel if it was recorded: it is left out, as if there were no such column",
+                )
+            };
+            self.report.add(None, problem.at_key(quantity));
         }
         let mut take = |quantity: &str| table.columns.remove(quantity);
         let time_ms = take("time")?;
@@ -460,12 +477,14 @@ impl Reader<'_> {
                     }
                     _ => "export the whole recording, every sample with its time",
                 };
-                let problem = Problem::error(
-                    &path,
-                    error.to_string(),
-                    "a continuous recording with a pressure",
-                    remedy,
-                );
+                let mut found = error.to_string();
+                // The names tell which column the pressure is.
+                let others = table.said.iter().find(|said| said.contains(UNREAD));
+                if let (RecordingError::NoPressure, Some(others)) = (&error, others) {
+                    found = format!("{found}; {others}");
+                }
+                let expected = "a continuous recording with a pressure";
+                let problem = Problem::error(&path, found, expected, remedy);
                 self.report.add(None, problem);
                 None
             }

@@ -1,15 +1,33 @@
-//! Damaged files: every reader refuses them or reads them, without a panic and in bounded time.
+//! Damaged files: every reader refuses them or reads them, without a panic, within 2 GiB of memory and
+//! within 10 s each.
 //!
-//! `ROUNDS=1000 cargo test … --test damaged_files` damages each file of the fixtures that often.
+//! The files are read in a child process of this program under a limit of its address space, so that a
+//! reader that believes a damaged count ends there, and the file is named. `-- --ignored` (a part of
+//! `make test-long`) damages each file far more often.
 
 use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use cardiotwin_lab_files::{Request, Wanted, read};
 use cardiotwin_mesh::files::{self, LengthUnit};
+use rustix::process::{Resource, Rlimit, setrlimit};
 
 /// Longest time for one file. A damaged count must not make a reader go on for ever.
 const LONGEST: Duration = Duration::from_secs(10);
+/// Address space in which every file is read.
+const MEMORY_BYTES: u64 = 2 << 30;
+/// Name of the variable that tells the child how often each file is damaged.
+const CHILD: &str = "CARDIOTWIN_DAMAGED_ROUNDS";
+/// Exit code of a child in which one file took too long.
+const TOO_LONG: i32 = 3;
+/// How often each file is damaged at random, in the usual test and in the long one.
+const ROUNDS: [usize; 2] = [4, 60];
+/// Replaced numbers of its header for each of these rounds.
+const COUNTS_PER_ROUND: usize = 8;
+/// What a number of a text, or a word of a binary header, is replaced by.
+const COUNTS: [&[u8]; 4] = [b"4294967295", b"99999999999", b"-1", b"1000000000"];
 
 /// Numbers that look random and are the same in each run (Marsaglia 2003, J Stat Softw 8:14).
 struct Random(u64);
@@ -76,16 +94,48 @@ fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     out
 }
 
-fn fixtures() -> Vec<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fixtures/public-reports");
+/// A copy in which one of its numbers is another: `k` counts numbers and replacements. `None` beyond the
+/// last number of the header.
+fn with_a_count(bytes: &[u8], k: usize) -> Option<Vec<u8>> {
+    let (number, with) = (k / (COUNTS.len() + 1), k % (COUNTS.len() + 1));
+    let mut runs = Vec::new();
+    let mut at = 0;
+    while at < bytes.len().min(4000) {
+        let n = bytes[at..]
+            .iter()
+            .take_while(|byte| byte.is_ascii_digit())
+            .count();
+        if n > 0 {
+            runs.push(at..at + n);
+        }
+        at += n.max(1);
+    }
+    let run = runs.get(number)?.clone();
+    let mut out = bytes.to_vec();
+    match COUNTS.get(with) {
+        Some(word) => drop(out.splice(run, word.iter().copied())),
+        // Of the same length, for formats whose fields have places.
+        None => out[run].fill(b'9'),
+    }
+    Some(out)
+}
+
+fn sources() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let mut folders: Vec<PathBuf> = [
+        "tests/fixtures/public-reports",
+        "solver/lab-files/tests/data",
+        "solver/mesh/tests/data",
+    ]
+    .map(|folder| root.join(folder))
+    .into();
     let mut found = Vec::new();
-    let mut folders = vec![root];
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 folders.push(path);
-            } else {
+            } else if is_read(&path) {
                 found.push(path);
             }
         }
@@ -100,72 +150,160 @@ fn ending(path: &Path) -> &str {
         .unwrap_or_default()
 }
 
-#[test]
-fn no_damage_makes_a_reader_panic_or_go_on() {
-    let rounds: usize = std::env::var("ROUNDS")
-        .ok()
-        .and_then(|n| n.parse().ok())
-        .unwrap_or(6);
+/// Whether a reader takes files of this ending.
+fn is_read(path: &Path) -> bool {
+    const ENDINGS: [&str; 13] = [
+        "csv", "txt", "xlsx", "edf", "bdf", "hea", "dat", "vtu", "msh", "elem", "pts", "lon",
+        "surf",
+    ];
+    ENDINGS.contains(&ending(path))
+}
+
+/// Whether the content is read as the file would be; what is not read must be said.
+fn is_taken(path: &Path, content: Vec<u8>, folder: &Path) -> bool {
+    match ending(path) {
+        "vtu" => files::vtu::parse(&content, path, LengthUnit::Millimetre).is_ok(),
+        "msh" => String::from_utf8(content)
+            .is_ok_and(|text| files::gmsh::parse(&text, path, LengthUnit::Millimetre).is_ok()),
+        "elem" | "pts" | "lon" | "surf" => {
+            for entry in std::fs::read_dir(path.parent().unwrap()).unwrap() {
+                let from = entry.unwrap().path();
+                std::fs::copy(&from, folder.join(from.file_name().unwrap())).unwrap();
+            }
+            std::fs::write(folder.join(path.file_name().unwrap()), &content).unwrap();
+            files::read(&folder.join("heart"), LengthUnit::Micrometre).is_ok()
+        }
+        // The samples of a record are read by its sound header.
+        "dat" => {
+            let files = std::fs::read_dir(path.parent().unwrap()).unwrap();
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap();
+            let header = files
+                .map(|entry| entry.unwrap().path())
+                .filter(|file| ending(file) == "hea")
+                .find(|file| std::fs::read_to_string(file).unwrap().contains(name))
+                .unwrap();
+            let bytes = std::fs::read(&header).unwrap();
+            table(&header, &bytes, Some((path, &content)))
+        }
+        _ => table(path, &content, None),
+    }
+}
+
+/// Whether a table is read; `beside` is a file next to it with another content.
+fn table(path: &Path, content: &[u8], beside: Option<(&Path, &[u8])>) -> bool {
+    let wanted = [
+        Wanted::required("time"),
+        Wanted::new("lv_pressure"),
+        Wanted::new("aortic_pressure"),
+        Wanted::new("ecg"),
+        Wanted::new("volume"),
+    ];
+    let request = Request {
+        file: path,
+        wanted: &wanted,
+        format: None,
+        sheet: None,
+        block: None,
+    };
+    let folder = path.parent().unwrap();
+    let mut others = |name: &str| match beside {
+        Some((other, content)) if other == folder.join(name) => Ok(content.to_vec()),
+        _ => std::fs::read(folder.join(name)).map_err(|error| error.to_string()),
+    };
+    let reading = read(content, &request, &mut others);
+    assert!(
+        reading.table.is_some() || !reading.problems.is_empty(),
+        "{} is not read, and nothing is said",
+        path.display()
+    );
+    reading.table.is_some()
+}
+
+/// What the child is at: since when, and which file.
+static AT: Mutex<Option<(Instant, String)>> = Mutex::new(None);
+
+/// Reads all damaged files under the limits. A panic of a reader ends it.
+fn read_under_limits(rounds: usize) {
+    let limit = Rlimit {
+        current: Some(MEMORY_BYTES),
+        maximum: Some(MEMORY_BYTES),
+    };
+    setrlimit(Resource::As, limit).unwrap();
+    assert!(
+        Vec::<u8>::new()
+            .try_reserve_exact(MEMORY_BYTES as usize)
+            .is_err(),
+        "the limit holds"
+    );
+    std::thread::spawn(|| {
+        loop {
+            std::thread::sleep(Duration::from_millis(100));
+            let at = AT.lock().unwrap();
+            if let Some((_, name)) = at.as_ref().filter(|(began, _)| began.elapsed() > LONGEST) {
+                eprintln!("{name}: more than {LONGEST:?}");
+                std::process::exit(TOO_LONG);
+            }
+        }
+    });
     let mut random = Random(0x5eed_1234_abcd);
-    let (mut n, mut read_well) = (0, 0);
+    let (mut n, mut read_well, mut longest) = (0, 0, Duration::ZERO);
     let folder = tempfile::tempdir().unwrap();
-    for path in fixtures() {
+    let trace = std::env::var_os(TRACE).map(PathBuf::from).unwrap();
+    for path in sources() {
         let bytes = std::fs::read(&path).unwrap();
-        for _ in 0..rounds {
-            let content = damaged(&bytes, &mut random);
+        let at_random: Vec<Vec<u8>> = (0..rounds).map(|_| damaged(&bytes, &mut random)).collect();
+        let of_counts = (0..rounds * COUNTS_PER_ROUND).map_while(|k| with_a_count(&bytes, k));
+        for (k, content) in at_random.into_iter().chain(of_counts).enumerate() {
+            let name = format!("{} damaged for the {k}th time", path.display());
+            // The parent names the file if this process ends in it.
+            std::fs::write(&trace, &name).unwrap();
             let began = Instant::now();
-            let well = match ending(&path) {
-                "csv" | "txt" | "xlsx" | "edf" | "hea" => {
-                    let wanted = [
-                        Wanted::required("time"),
-                        Wanted::new("lv_pressure"),
-                        Wanted::new("aortic_pressure"),
-                        Wanted::new("ecg"),
-                        Wanted::new("volume"),
-                    ];
-                    let request = Request {
-                        file: &path,
-                        wanted: &wanted,
-                        format: None,
-                        sheet: None,
-                        block: None,
-                    };
-                    let beside = path.parent().unwrap().to_owned();
-                    let mut beside = |name: &str| {
-                        std::fs::read(beside.join(name)).map_err(|error| error.to_string())
-                    };
-                    let reading = read(&content, &request, &mut beside);
-                    // What is not read is said.
-                    assert!(
-                        reading.table.is_some() || !reading.problems.is_empty(),
-                        "{}",
-                        path.display()
-                    );
-                    reading.table.is_some()
-                }
-                "vtu" => files::vtu::parse(&content, &path, LengthUnit::Millimetre).is_ok(),
-                "msh" => String::from_utf8(content).is_ok_and(|text| {
-                    files::gmsh::parse(&text, &path, LengthUnit::Millimetre).is_ok()
-                }),
-                "elem" | "pts" | "lon" | "surf" => {
-                    let source = path.parent().unwrap();
-                    for entry in std::fs::read_dir(source).unwrap() {
-                        let from = entry.unwrap().path();
-                        std::fs::copy(&from, folder.path().join(from.file_name().unwrap()))
-                            .unwrap();
-                    }
-                    std::fs::write(folder.path().join(path.file_name().unwrap()), &content)
-                        .unwrap();
-                    files::read(&folder.path().join("heart"), LengthUnit::Micrometre).is_ok()
-                }
-                _ => continue,
-            };
-            let took = began.elapsed();
-            assert!(took < LONGEST, "{}: {took:?}", path.display());
+            *AT.lock().unwrap() = Some((began, name));
+            let well = is_taken(&path, content, folder.path());
+            *AT.lock().unwrap() = None;
+            longest = longest.max(began.elapsed());
             n += 1;
             read_well += usize::from(well);
         }
     }
-    println!("{n} damaged files, {read_well} of them read");
-    assert!(n > 100 && read_well < n);
+    println!(
+        "{n} damaged files, {read_well} of them read, {} ms the longest, under {} MiB",
+        longest.as_millis(),
+        MEMORY_BYTES >> 20
+    );
+    assert!(n > 300 && read_well < n);
+}
+
+/// Name of the variable with the file into which the child writes what it is at.
+const TRACE: &str = "CARDIOTWIN_DAMAGED_TRACE";
+
+fn main() -> ExitCode {
+    if let Some(rounds) = std::env::var(CHILD).ok().and_then(|n| n.parse().ok()) {
+        read_under_limits(rounds);
+        return ExitCode::SUCCESS;
+    }
+    let is_long = std::env::args().any(|a| a == "--ignored");
+    let name = "no damage makes a reader panic, go on, or fill the memory";
+    if std::env::args().any(|a| a == "--list") {
+        println!("{name}: test");
+        return ExitCode::SUCCESS;
+    }
+    let trace = tempfile::NamedTempFile::new().unwrap();
+    let output = Command::new(std::env::current_exe().unwrap())
+        .env(CHILD, ROUNDS[usize::from(is_long)].to_string())
+        .env(TRACE, trace.path())
+        .output()
+        .unwrap();
+    print!("{}", String::from_utf8_lossy(&output.stdout));
+    if output.status.success() {
+        println!("test {name} ... ok\ntest result: ok. 1 passed; 0 failed");
+        return ExitCode::SUCCESS;
+    }
+    let at = std::fs::read_to_string(trace.path()).unwrap_or_default();
+    println!(
+        "test {name} ... FAILED\n{}, at {at}\n{}\ntest result: FAILED. 0 passed; 1 failed",
+        output.status,
+        String::from_utf8_lossy(&output.stderr)
+    );
+    ExitCode::FAILURE
 }

@@ -255,11 +255,44 @@ fn kind_04_a_dropout_hides_no_premature_beat() {
 
 #[test]
 fn kind_05_an_empty_channel_shifts_no_column() {
-    // The electrocardiogram is empty at first, or the aorta's pressure everywhere.
+    // The electrocardiogram is empty at first, or the aorta's pressure everywhere, which is said and left
+    // out.
     let at_begin = prepare("05-labchart-empty-last-channel/at-begin-only");
     assert!((at_begin.peak() - 116.6).abs() < 1.0, "{}", at_begin.said);
     let seen = prepare("05-labchart-empty-last-channel/two-channels");
-    seen.refused("two channels", &["AoP (mmHg)", "without a single sample"]);
+    seen.says(
+        "two channels",
+        &[
+            "warning",
+            "AoP (mmHg)",
+            "without a single sample",
+            "left out",
+        ],
+    );
+    assert!((seen.peak() - 116.6).abs() < 1.0, "{}", seen.said);
+    // Where it is the ventricle's, nothing is left to prepare.
+    let text = std::fs::read_to_string(
+        fixture("05-labchart-empty-last-channel/two-channels").join("catheter.txt"),
+    )
+    .unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let copy = |name: &str| {
+        let from = fixture("05-labchart-empty-last-channel/two-channels").join(name);
+        std::fs::copy(from, folder.path().join(name)).unwrap();
+    };
+    copy("cine.csv");
+    copy("prepare.toml");
+    let swapped = text.replace("ChannelTitle=\tLVP\tAoP", "ChannelTitle=\tAoP\tLVP");
+    assert_ne!(swapped, text);
+    std::fs::write(folder.path().join("catheter.txt"), swapped).unwrap();
+    prepare_folder(folder.path()).refused(
+        "an empty ventricle",
+        &[
+            "LVP (mmHg)",
+            "without a single sample",
+            "export the channel",
+        ],
+    );
 }
 
 #[test]

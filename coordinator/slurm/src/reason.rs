@@ -45,7 +45,17 @@ const REASONS: &[(&str, WaitsFor, &str)] = {
             "its earlier run is still being cleaned up",
         ),
         ("Prolog", Turn, "its nodes are being prepared"),
-        ("Reservation", Turn, "waits for its reservation"),
+        (
+            "Reservation",
+            Turn,
+            "waits for its reservation: `scontrol show reservation` tells when it begins and ends",
+        ),
+        (
+            "ReservationDeleted",
+            Person,
+            "held because its reservation was deleted or has ended: name one that holds with \
+             `scontrol update JobId=JOB ReservationName=NAME`, then scontrol release JOB; or scancel JOB",
+        ),
         ("Licenses", Turn, "waits for a licence"),
         ("NodeDown", Turn, "a node that it needs is down"),
         (
@@ -84,7 +94,8 @@ const REASONS: &[(&str, WaitsFor, &str)] = {
         (
             "JobHeldAdmin",
             Person,
-            "held by an administrator: ask the site",
+            "held by an administrator, or by Slurm because its reservation has ended: \
+             `scontrol show job JOB` names its reservation; else ask the site",
         ),
         (
             "JobHoldMaxRequeue",
@@ -162,8 +173,18 @@ pub fn why(reason: &str) -> Why {
     if let Some(why) = limit(key) {
         return why;
     }
-    // Slurm composes such reasons: "user env retrieval failed requeued held".
     let words = key.to_lowercase();
+    // Plugins of sites have reasons of their own.
+    if has_ended(&words) {
+        return Why {
+            words: format!(
+                "Slurm says '{key}': what the job names has ended, so that it cannot start; scancel JOB, and \
+                 name one that holds"
+            ),
+            waits_for: WaitsFor::Person,
+        };
+    }
+    // Slurm composes such reasons: "user env retrieval failed requeued held".
     if words.split_whitespace().any(|word| word == "held") || words.starts_with("jobheld") {
         return Why {
             words: format!("held, Slurm says '{key}': scontrol release JOB"),
@@ -174,6 +195,31 @@ pub fn why(reason: &str) -> Why {
         words: format!("Slurm's reason '{reason}', which cardiotwin does not know"),
         waits_for: WaitsFor::Unlisted,
     }
+}
+
+/// Whether a message in lower case says that a reservation, account, QoS or partition has ended or was
+/// deleted. Waiting, or asking again, does not help then.
+#[must_use]
+pub fn has_ended(words: &str) -> bool {
+    const HOLDERS: [&str; 7] = [
+        "reservation",
+        "account",
+        "project",
+        "allocation",
+        "budget",
+        "qos",
+        "partition",
+    ];
+    const ENDED: [&str; 6] = [
+        "expired",
+        "has ended",
+        "no longer",
+        "deleted",
+        "does not exist",
+        "in the past",
+    ];
+    let has_any = |list: &[&str]| list.iter().any(|word| words.contains(word));
+    has_any(&HOLDERS) && has_any(&ENDED)
 }
 
 /// Explains a reason about a limit: `QOSMaxJobsPerUserLimit` and some hundred others consist of a
@@ -301,6 +347,10 @@ mod tests {
             ("Moonphase", WaitsFor::Unlisted),
             ("user env retrieval failed requeued held", WaitsFor::Person),
             ("JobHeldByPlugin", WaitsFor::Person),
+            ("ReservationDeleted", WaitsFor::Person),
+            ("Reservation", WaitsFor::Turn),
+            ("reservation maint_12 expired", WaitsFor::Person),
+            ("(Reservation_Expired)", WaitsFor::Person),
         ] {
             assert_eq!(
                 why(reason).waits_for,
@@ -314,6 +364,19 @@ mod tests {
         assert!(
             held.starts_with("held, ") && held.contains("scontrol release"),
             "{held}"
+        );
+        let gone = why("ReservationDeleted").words;
+        assert!(
+            gone.contains("was deleted or has ended") && gone.contains("scontrol release JOB"),
+            "{gone}"
+        );
+        // Slurm holds a job of a reservation that ended as an administrator does.
+        let held = why("JobHeldAdmin").words;
+        assert!(held.contains("its reservation has ended"), "{held}");
+        let own = why("reservation maint_12 expired").words;
+        assert!(
+            own.contains("'reservation maint_12 expired'") && own.contains("scancel"),
+            "{own}"
         );
     }
 }

@@ -7,6 +7,9 @@ use cardiotwin_signals::Problem;
 use crate::headers::{KNOWN, Label, NoMatch, find};
 use crate::wanted::Wanted;
 
+/// Words before the list of a file's columns or signals that are not read.
+pub const UNREAD: &str = "that are not read";
+
 /// A column to read: its position in a line, its index in `wanted`, and its factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Column {
@@ -53,15 +56,13 @@ impl Header<'_> {
                 let all: Vec<String> = wanted.iter().map(names_of).collect();
                 let problem = Problem::warning(
                     self.file,
-                    format!("columns that are not read: `{list}`"),
+                    format!("columns {UNREAD}: `{list}`"),
                     all.join("; "),
                     "remove them, or say in prepare.toml what they are, if they should be read",
                 );
                 self.add(problem, &mut chosen);
             } else {
-                chosen
-                    .said
-                    .push(format!("columns that are not read: `{list}`"));
+                chosen.said.push(format!("columns {UNREAD}: `{list}`"));
             }
         }
         chosen

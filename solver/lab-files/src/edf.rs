@@ -375,7 +375,8 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Probl
         .collect();
     if !others.is_empty() {
         said.push(format!(
-            "signals that are not read: `{}`",
+            "signals {}: `{}`",
+            crate::UNREAD,
             others.join("`, `")
         ));
     }

@@ -35,6 +35,7 @@ use std::path::Path;
 use cardiotwin_signals::Problem;
 use cardiotwin_vocabulary::preparation::FileFormat;
 
+pub use columns::UNREAD;
 pub use number::Decimal;
 pub use wanted::{Table, TableReading, Wanted};
 

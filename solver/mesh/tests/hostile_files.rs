@@ -1,4 +1,4 @@
-//! Files that are made to fill the memory are refused before they do.
+//! Files that are made to fill the memory are refused before they do: this program has 2 GiB.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -6,6 +6,17 @@ use std::path::Path;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use cardiotwin_mesh::files::{LengthUnit, vtu};
+use rustix::process::{Resource, Rlimit, setrlimit};
+
+/// Limits the address space of this whole program, in which nothing else is tested.
+fn limit_memory() {
+    let bytes = Some(2 << 30);
+    let limit = Rlimit {
+        current: bytes,
+        maximum: bytes,
+    };
+    setrlimit(Resource::As, limit).unwrap();
+}
 
 /// A compressed array: a header of one block, and the block.
 fn packed(bytes: &[u8]) -> String {
@@ -39,6 +50,7 @@ fn refused(n_points: u64, array: &str) -> String {
 
 #[test]
 fn a_small_file_of_very_many_points_is_refused_before_it_is_unpacked() {
+    limit_memory();
     // 14 MB of such blocks would be 8 GB of zeros.
     let zeros = packed(&vec![0; 1 << 20]);
     for n_points in [333_000_000, u64::MAX / 2] {
@@ -57,6 +69,7 @@ fn a_small_file_of_very_many_points_is_refused_before_it_is_unpacked() {
 
 #[test]
 fn an_array_that_unpacks_to_more_than_its_numbers_is_refused() {
+    limit_memory();
     let said = refused(4, &packed(&vec![0; 64 << 20]));
     assert!(
         said.contains("the array Points of more numbers") && said.contains("12 numbers"),

@@ -10,7 +10,7 @@ use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_slurm::access::Scheduler;
 use cardiotwin_slurm::access::folder::JobFolder;
-use cardiotwin_slurm::answers::submit::{self, RefusalKind, Submission as Answer};
+use cardiotwin_slurm::answers::submit::{self, Refusal, RefusalKind, Submission as Answer};
 use cardiotwin_slurm::answers::{Exit, Output};
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::job::{JobId, JobName};
@@ -203,12 +203,8 @@ impl<S: Scheduler> Cluster<S> {
             Answer::Refused(refusal)
                 if matches!(refusal.kind, RefusalKind::Impossible | RefusalKind::Person) =>
             {
-                self.books.job_event(
-                    name,
-                    JobEvent::Refused {
-                        why: format!("refused by Slurm ({}): {}", ended(&output), refusal.said),
-                    },
-                )?;
+                let why = format!("refused by Slurm ({}): {}", ended(&output), told(&refusal));
+                self.books.job_event(name, JobEvent::Refused { why })?;
                 Room::Open
             }
             Answer::Refused(refusal) => {
@@ -222,7 +218,11 @@ impl<S: Scheduler> Cluster<S> {
                         .see(name, element, |seen| seen.why.clone_from(&why));
                 }
                 self.books.touch_placed(name, None);
-                self.hold(Some(format!("the queue is full: {}", refusal.said)));
+                let what = match refusal.kind {
+                    RefusalKind::Busy => "Slurm takes no jobs at present",
+                    _ => "the queue is full",
+                };
+                self.hold(Some(format!("{what}: {}", told(&refusal))));
                 Room::Closed
             }
             Answer::Doubtful { why } => {
@@ -360,6 +360,14 @@ pub fn script_of(
         },
     };
     script::write(&job, queue, site)
+}
+
+/// A refusal in Slurm's words, with what to do about it.
+fn told(refusal: &Refusal) -> String {
+    match refusal.remedy() {
+        Some(remedy) => format!("{}; {remedy}", refusal.said),
+        None => refusal.said.clone(),
+    }
 }
 
 /// How sbatch ended, in words.

@@ -38,6 +38,37 @@ pub struct Refusal {
     pub said: String,
 }
 
+impl Refusal {
+    /// What a person does about it, where the message tells what is at fault.
+    #[must_use]
+    pub fn remedy(&self) -> Option<&'static str> {
+        let words = self.said.to_lowercase();
+        let (_, remedy) = REMEDIES.iter().find(|(of, _)| words.contains(of))?;
+        Some(remedy)
+    }
+}
+
+/// Remedies, by what a message is about; the first that fits counts.
+const REMEDIES: &[(&str, &str)] = &[
+    (
+        "reservation",
+        "`scontrol show reservation` lists those that hold, with begin and end; scripts name none, so that the \
+         partition, the QoS or a plugin of the site chose it: correct the site profile, or ask the site",
+    ),
+    (
+        "account",
+        "check executor.slurm.account: `sacctmgr show assoc user=$USER` lists yours",
+    ),
+    (
+        "qos",
+        "correct qos in [[queue]] of the site profile: `sacctmgr show assoc user=$USER format=qos` lists yours",
+    ),
+    (
+        "partition",
+        "correct partition in [[queue]] of the site profile: `sinfo` lists the partitions",
+    ),
+];
+
 /// Consequence of a refusal for the next attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RefusalKind {
@@ -176,7 +207,13 @@ fn failed(code: i32, stderr: &str) -> Submission {
             return Submission::Refused(Refusal { kind, said });
         }
         if let Some((_, kind)) = FAILURES.iter().find(|(start, _)| last.starts_with(start)) {
-            return Submission::Refused(Refusal { kind: *kind, said });
+            // A plugin of the site says what has ended; Slurm itself adds "Unspecified error" to it, which
+            // would pass.
+            let kind = match *kind {
+                RefusalKind::Busy if reason::has_ended(&said.to_lowercase()) => RefusalKind::Person,
+                kind => kind,
+            };
+            return Submission::Refused(Refusal { kind, said });
         }
         return Submission::Doubtful { why: said };
     }
@@ -323,6 +360,31 @@ mod tests {
         ] {
             assert_eq!(kind(why), Some(wanted), "{why}");
         }
+        // The first line is the site's own, from its plugin.
+        let expired = read(&Output {
+            exit: Exit::Code(1),
+            stdout: String::new(),
+            stderr: "sbatch: error: reservation course_12 of your project expired on 1 March\n\
+                     sbatch: error: Batch job submission failed: Unspecified error\n"
+                .to_owned(),
+        });
+        let Submission::Refused(refusal) = expired else {
+            panic!("{expired:?}")
+        };
+        assert_eq!(refusal.kind, RefusalKind::Person);
+        assert!(
+            refusal
+                .said
+                .starts_with("reservation course_12 of your project expired on 1 March"),
+            "{}",
+            refusal.said
+        );
+        assert!(
+            refusal
+                .remedy()
+                .unwrap()
+                .contains("scontrol show reservation")
+        );
         assert_eq!(
             kind("Zero Bytes were transmitted or received"),
             None,

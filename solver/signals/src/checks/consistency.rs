@@ -31,6 +31,8 @@ pub struct Facts<'a> {
     pub forward_ml: Option<f64>,
     /// Parameters of the Windkessel.
     pub windkessel: Option<WindkesselParameters>,
+    /// Calcium of a cell over one beat \[µM\].
+    pub calcium: Option<&'a Trace>,
 }
 
 /// A rule of the table.
@@ -75,8 +77,15 @@ const RESISTANCE: [f64; 2] = [1.8, 4.0];
 /// The same of the compliance and stroke volume over pulse pressure, which lies above it by up to 3.
 const COMPLIANCE: [f64; 2] = [5.0, 20.0];
 
+/// Peaks of a calcium transient that are doubtful outside, and that are an error outside \[µM\]. Usual
+/// ones reach 0.3 to 3 µM; a thousandth or a thousandfold of that is another unit.
+const CALCIUM_PEAK_UM: [[f64; 2]; 2] = [[0.1, 10.0], [0.02, 20.0]];
+/// Resting calcium above which a transient may be a ratio of fluorescence, which begins at 1 \[µM\].
+/// Measured ones are some 0.1 µM.
+const CALCIUM_REST_UM: f64 = 0.6;
+
 /// All rules.
-pub const RULES: [Rule; 10] = [
+pub const RULES: [Rule; 11] = [
     Rule {
         name: "ventricle-below-aorta",
         expected: "a ventricle that reaches the aorta's pressure in systole",
@@ -158,6 +167,13 @@ pub const RULES: [Rule; 10] = [
         remedy: "check the unit of the compliance, mL/mmHg",
         key: "afterload.compliance_mL_per_mmHg",
         test: compliance,
+    },
+    Rule {
+        name: "calcium-range",
+        expected: "a calcium transient in µM: some 0.1 µM at rest, with a peak of 0.3 to 3 µM",
+        remedy: "give concentrations in µM (1 µM = 1000 nM = 0.001 mM), not in another unit or as a ratio of fluorescence",
+        key: "measured.calcium",
+        test: calcium_range,
     },
 ];
 
@@ -407,6 +423,52 @@ fn compliance(facts: &Facts<'_>) -> Verdict {
     )
 }
 
+fn calcium_range(facts: &Facts<'_>) -> Verdict {
+    let Some(calcium) = facts.calcium else {
+        return Holds;
+    };
+    let [rest, peak] = extremes(calcium);
+    let [doubtful, broken] = CALCIUM_PEAK_UM;
+    let inside = |[low, high]: [f64; 2]| (low..=high).contains(&peak);
+    let of = |factor: f64, unit: &str| {
+        let peak = peak * factor;
+        inside_usual(peak).then(|| {
+            format!(
+                ", which would be {peak:.2} µM if the numbers are in {unit}: multiply by {factor}"
+            )
+        })
+    };
+    let unit = of(1e-3, "nM")
+        .or_else(|| of(1e3, "mM"))
+        .or_else(|| of(1e6, "M"))
+        .unwrap_or_default();
+    let found = format!("calcium from {} to {} µM{unit}", digits(rest), digits(peak));
+    if !inside(broken) {
+        Broken(found)
+    } else if !inside(doubtful) {
+        Doubtful(found)
+    } else if rest > CALCIUM_REST_UM {
+        Doubtful(format!("a resting calcium of {rest:.2} µM"))
+    } else {
+        Holds
+    }
+}
+
+/// A number with about three digits, whatever its size.
+fn digits(value: f64) -> String {
+    match value.abs() {
+        size if size >= 100.0 => format!("{value:.0}"),
+        size if size >= 0.01 => format!("{value:.3}"),
+        _ => format!("{value:e}"),
+    }
+}
+
+/// Whether a peak is a usual one, in µM.
+fn inside_usual(peak_um: f64) -> bool {
+    let [[low, high], _] = CALCIUM_PEAK_UM;
+    (low..=high).contains(&peak_um)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -455,7 +517,10 @@ mod tests {
             pressure(200.0, 400.0),
         );
         let volume = volume();
+        let [in_um, in_nm, in_mm, ratio] =
+            [[0.1, 0.6], [100.0, 600.0], [1e-4, 6e-4], [1.0, 2.5]].map(transient);
         let facts = Facts {
+            calcium: Some(&in_um),
             cycle_ms: 800.0,
             pressure: Some(&sound),
             volume: Some(&volume),
@@ -566,6 +631,30 @@ mod tests {
                 },
                 "error",
             ),
+            (
+                "calcium-range",
+                Facts {
+                    calcium: Some(&in_nm),
+                    ..facts
+                },
+                "error",
+            ),
+            (
+                "calcium-range",
+                Facts {
+                    calcium: Some(&in_mm),
+                    ..facts
+                },
+                "error",
+            ),
+            (
+                "calcium-range",
+                Facts {
+                    calcium: Some(&ratio),
+                    ..facts
+                },
+                "warning",
+            ),
         ] {
             let found = told(&broken, &[]);
             let own: Vec<&String> = found
@@ -577,6 +666,56 @@ mod tests {
             assert_eq!(told(&broken, &[name]), Vec::<String>::new(), "{name}");
         }
         assert!(told(&facts, &["clippd"])[0].contains("names of rules"));
+    }
+
+    fn transient([rest, peak]: [f64; 2]) -> Trace {
+        let values = (0..80).map(|i| {
+            let x = f64::from(i) / 8.0;
+            rest + (peak - rest) * x * (1.0 - x).exp()
+        });
+        Trace::uniform(Quantity::Calcium, 10.0, values.collect()).unwrap()
+    }
+
+    #[test]
+    fn calcium_in_another_unit_is_named_with_its_factor() {
+        let said = |ends: [f64; 2]| {
+            let calcium = transient(ends);
+            told(
+                &Facts {
+                    calcium: Some(&calcium),
+                    ..Facts::default()
+                },
+                &[],
+            )
+        };
+        for (ends, parts) in [
+            (
+                [100.0, 600.0],
+                [
+                    "from 100 to 600 µM",
+                    "0.60 µM if the numbers are in nM: multiply by 0.001",
+                ],
+            ),
+            (
+                [1e-4, 6e-4],
+                ["µM", "0.60 µM if the numbers are in mM: multiply by 1000"],
+            ),
+            (
+                [1e-7, 6e-7],
+                ["µM", "0.60 µM if the numbers are in M: multiply by 1000000"],
+            ),
+        ] {
+            let found = said(ends);
+            assert!(
+                found.len() == 1 && parts.iter().all(|part| found[0].contains(part)),
+                "{found:#?}"
+            );
+            assert!(found[0].starts_with("error"), "{found:#?}");
+        }
+        // Slow cells at rest and strongly stimulated ones are neither.
+        for ends in [[0.05, 0.15], [0.3, 4.0]] {
+            assert_eq!(said(ends), Vec::<String>::new(), "{ends:?}");
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@ use cardiotwin_calibrate::calcium_fit::{
 use cardiotwin_report::html::calcium_fit_svg;
 use cardiotwin_report::results::atomic;
 use cardiotwin_schemas::fit::{CalciumFitAnswer, FittedQuantity};
+use cardiotwin_signals::checks::{Facts, contradictions};
 use cardiotwin_signals::{Problem, Quantity, Trace};
 use clap::{Args, ValueEnum};
 
@@ -46,6 +47,9 @@ pub struct CalciumArgs {
     /// Coverage probability of the intervals
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
     confidence: f64,
+    /// Accept what a rule of consistency reports, by its name (calcium-range)
+    #[arg(long, value_name = "RULE")]
+    accept: Vec<String>,
     /// Draw the trace and the fit into this SVG file
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
@@ -82,6 +86,7 @@ pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
         ));
     }
     let measured = trace::read(&args.trace, Quantity::Calcium, talk)?;
+    trace::checked(doubts(&measured, &args.accept, &args.trace), talk)?;
     let settings = CalciumFitSettings {
         activation_ms: args.activation,
         confidence_level: args.confidence,
@@ -108,6 +113,23 @@ pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
             .for_each(|warning| talk.say(&format!("warning: {warning}")));
     }
     Ok(Exit::Ok)
+}
+
+/// What the rules of consistency say of the trace, in words of this command: there is no patient's file.
+fn doubts(measured: &Trace, accepted: &[String], file: &Path) -> Vec<Problem> {
+    let facts = Facts {
+        calcium: Some(measured),
+        ..Facts::default()
+    };
+    let mut found = contradictions(&facts, accepted, file);
+    for problem in &mut found {
+        let is_rule = problem.key.as_deref() == Some("measured.calcium");
+        problem.key = Some(if is_rule { "calcium_uM" } else { "--accept" }.to_owned());
+        problem.remedy = problem
+            .remedy
+            .replace("accept = [\"calcium-range\"]", "--accept calcium-range");
+    }
+    found
 }
 
 /// Error of the fit as a problem of the trace's file.
@@ -328,6 +350,32 @@ mod tests {
             said.contains("time constants: the best time constants are equal")
                 && said.contains("warning:"),
             "{said}"
+        );
+    }
+
+    #[test]
+    fn nanomoles_are_refused_with_their_factor() {
+        let csv = "time_ms,calcium_uM\n0,100\n10,350\n20,600\n30,400\n300,120\n";
+        let file = Path::new("t.csv");
+        let trace = cardiotwin_signals::parse_trace(csv.as_bytes(), file, Quantity::Calcium)
+            .trace
+            .unwrap();
+        let found = doubts(&trace, &[], file);
+        let said = found[0].to_string();
+        for part in [
+            "t.csv: calcium_uM: found calcium from 100 to 600 µM",
+            "0.60 µM if the numbers are in nM: multiply by 0.001",
+            "--accept calcium-range",
+        ] {
+            assert!(said.contains(part), "{part} is not in {said}");
+        }
+        assert!(found.len() == 1 && found[0].is_error());
+        assert!(doubts(&trace, &["calcium-range".to_owned()], file).is_empty());
+        let misspelt = doubts(&trace, &["calcium".to_owned()], file);
+        assert!(
+            misspelt
+                .iter()
+                .any(|p| p.key.as_deref() == Some("--accept"))
         );
     }
 

@@ -22,6 +22,17 @@ pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliEr
         .ok_or_else(|| unusable(n_errors))
 }
 
+/// Prints what contradicts a trace.
+///
+/// # Errors
+/// [`CliError::Trace`] if any problem is an error.
+pub fn checked(found: Vec<Problem>, talk: &Talk) -> Result<(), CliError> {
+    match say(found, talk) {
+        0 => Ok(()),
+        n_errors => Err(unusable(n_errors)),
+    }
+}
+
 /// Prints why a fit refused the trace, and returns the error for it.
 pub fn refused(problem: Problem, talk: &Talk) -> CliError {
     unusable(say(vec![problem], talk))

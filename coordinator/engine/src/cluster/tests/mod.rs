@@ -177,6 +177,34 @@ async fn a_refusal_for_good_is_told_at_once_and_stops_no_other_patient() {
     assert_eq!(lab.finish().await.done, 2);
 }
 
+/// A reservation that ended is said once for each patient, with its remedy, and asked for no more.
+#[tokio::test]
+async fn a_reservation_that_ended_is_not_asked_for_at_every_tick() {
+    let lab = Lab::new(long_noops(2), Settings::default()).without_arrays();
+    for _ in 0..2 {
+        lab.fault(
+            "sbatch",
+            Fault::Refused("Requested reservation is invalid".into()),
+        );
+    }
+    let summary = lab.tick().await;
+    assert_eq!((summary.failed, lab.n_asked("sbatch")), (2, 2));
+    for _ in 0..3 {
+        lab.moment();
+        assert_eq!(lab.tick().await.failed, 2);
+    }
+    assert_eq!(lab.n_asked("sbatch"), 2);
+    let status = lab.reader().await.status().await.unwrap();
+    for patient in &status.patients {
+        let note = &patient.note;
+        assert!(
+            note.contains("Requested reservation is invalid")
+                && note.contains("`scontrol show reservation` lists those that hold"),
+            "{note}"
+        );
+    }
+}
+
 /// What passes by itself fails nobody, and is asked for again.
 #[tokio::test]
 async fn a_refusal_that_passes_fails_no_patient() {
@@ -187,7 +215,10 @@ async fn a_refusal_that_passes_fails_no_patient() {
     assert_eq!((summary.failed, summary.unfinished), (0, 2));
     let status = lab.reader().await.status().await.unwrap();
     let holds = status.cluster.unwrap().holds.unwrap();
-    assert!(holds.contains(why), "{holds}");
+    assert!(
+        holds.contains(why) && !holds.contains("queue is full"),
+        "{holds}"
+    );
     assert_eq!(lab.finish().await.done, 2);
 }
 
