@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::status::RefusedPatient;
 use cardiotwin_store::pilots::Pilots;
 use cardiotwin_workflow::patient::{Patient, PatientEvent};
 use cardiotwin_workflow::pilots::choose;
@@ -35,11 +36,13 @@ impl Decider {
     /// Chooses the run's pilots by name alone, or keeps those that were chosen. Pilots whose tasks
     /// have changed teach anew.
     ///
+    /// - `refused`: patients whose files have errors; those who were chosen before stay pilots
     /// - `changed`: patients whose plans lead to other tasks than before
     pub(super) fn choose_pilots(
         &mut self,
         books: &mut Books,
         plans: &[ResolvedPatient],
+        refused: &[RefusedPatient],
         changed: &HashSet<&PatientId>,
     ) -> Result<(), EngineError> {
         let of_plans = plans.iter().map(ResolvedPatient::n_pilots);
@@ -55,7 +58,10 @@ impl Decider {
             // They have taught, even those that have left the cohort.
             before.names.clone()
         } else {
-            let stays = |name: &&PatientId| candidates().any(|id| id == *name);
+            let stays = |name: &&PatientId| {
+                let is_refused = refused.iter().any(|one| one.patient == name.as_str());
+                is_refused || candidates().any(|id| id == *name)
+            };
             let kept: Vec<PatientId> = before.names.iter().filter(stays).cloned().collect();
             let room = n.saturating_sub(u32::try_from(kept.len()).unwrap_or(n));
             let others = candidates().filter(|id| !kept.contains(id));

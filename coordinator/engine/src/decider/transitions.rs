@@ -74,7 +74,7 @@ impl Decider {
                 }
             }
         }
-        self.choose_pilots(books, plans, &changed)?;
+        self.choose_pilots(books, plans, refused, &changed)?;
         let mut vanished = Vec::new();
         for (i, present) in present.into_iter().enumerate() {
             if !present && books.retire(i) {

@@ -149,7 +149,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
     })
 }
 
-fn finite_element(nodes: u64) -> FiniteElementOrgan {
+fn finite_element(nodes: u64, edp_mmhg: f64) -> FiniteElementOrgan {
     let figures = VentricleFigures {
         nodes,
         elements: 5 * nodes,
@@ -160,7 +160,7 @@ fn finite_element(nodes: u64) -> FiniteElementOrgan {
         image_pressure_mmhg: 6.0,
         unloaded_volume_ml: 50.0,
         end_diastolic_volume_ml: 120.0,
-        end_diastolic_pressure_mmhg: 8.0,
+        end_diastolic_pressure_mmhg: edp_mmhg,
         stiffness_kpa: 0.5,
         exponent_factor: 1.0,
         onset_ms: 5.0,
@@ -263,9 +263,11 @@ impl Script {
                         failure: Failure::new(class, "step 0 fails as the test asks"),
                     };
                 }
-                let mut state = passive_state(spec.end_diastolic_pressure_mmhg.unwrap_or(8.0));
+                let edp_mmhg = edp_mmhg.unwrap_or(8.0);
+                let mut state = passive_state(edp_mmhg);
                 if let (TaskResult::PassiveState(state), Some(nodes)) = (&mut state, self.nodes) {
-                    state.organ = OrganSpec::FiniteElement(Box::new(finite_element(nodes)));
+                    state.organ =
+                        OrganSpec::FiniteElement(Box::new(finite_element(nodes, edp_mmhg)));
                 }
                 state
             }

@@ -56,6 +56,8 @@ async fn drivers_and_ticks_that_die_change_no_key() {
     assert_eq!(whole.finish().await.done, 4);
     let expected = keys(&whole.reader().await).await;
     let mut lab = lab(4, 2);
+    // Drivers that die are the test's, not the patients'.
+    (lab.site_retries, lab.settings.free_repeats) = (1000, 1000);
     for n in 0..400 {
         // Each tick dies a few points later than the one before, and each driver at another attempt.
         let summary = match lab.tick_dying_at(3 + n % 11).await {
