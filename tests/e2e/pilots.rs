@@ -36,8 +36,9 @@ fn a_pilot_teaches_the_other_patient_in_3d() {
     let cohort = Cohort::quick_of_these(&["06-CoA", "07-CoA"]);
     let coordinator = cohort.start(&RUN[1..]);
     let status = cohort.wait_for_run(".", "a patient who waits", |status| {
-        status["patients"].is_array() && standing(status, "07-CoA").1 == "waits for pilot 06-CoA"
+        status.to_string().contains("waits for pilot 06-CoA")
     });
+    assert_eq!(standing(&status, "07-CoA").1, "waits for pilot 06-CoA");
     assert_eq!(standing(&status, "07-CoA").0, "waiting");
     let dry = cohort.call(&[&RUN[..], &["--dry-run"]].concat()).expect(0);
     assert!(dry.out.contains("wait for pilots"), "{}", dry.out);

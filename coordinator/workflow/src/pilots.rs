@@ -14,17 +14,6 @@ use crate::chain::Chain;
 use crate::derivation::Settled;
 use crate::patient::Patient;
 
-/// What a patient learns from pilots.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Teaching<'a> {
-    /// The patient learns from nobody: it is a pilot, or there are none.
-    None,
-    /// The patient waits for these pilots.
-    Awaited(Vec<PatientId>),
-    /// All pilots have ended, and this is what they teach.
-    Lessons(&'a [LawLesson]),
-}
-
 /// Names of the pilots: the first `n` by name of these patients.
 pub fn choose<'a>(n: u32, candidates: impl Iterator<Item = &'a PatientId>) -> Vec<PatientId> {
     let sorted: BTreeSet<&PatientId> = candidates.collect();

@@ -7,6 +7,7 @@ mod job_events;
 mod jobs;
 mod pilots;
 mod rows;
+mod school;
 mod show;
 
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -33,8 +34,8 @@ use serde::Serialize;
 
 use super::EngineError;
 pub use jobs::Jobs;
-use pilots::School;
 pub use rows::{AttemptEntry, PatientEntry, TaskEntry};
+use school::School;
 
 /// The mirror of all rows.
 #[derive(Debug)]

@@ -3,33 +3,12 @@
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ_law::LawLesson;
 use cardiotwin_store::pilots::{LESSONS, PILOTS, Pilots};
+use cardiotwin_workflow::derivation::Teaching;
 use cardiotwin_workflow::patient::Patient;
-use cardiotwin_workflow::pilots::{Teaching, has_taught, lesson};
+use cardiotwin_workflow::pilots::{has_taught, lesson};
 
 use super::Books;
 use crate::EngineError;
-
-/// Pilots with what they teach.
-#[derive(Debug, Default)]
-pub struct School {
-    pilots: Pilots,
-    /// What the pilots teach; `None` until all have ended.
-    lessons: Option<Vec<LawLesson>>,
-}
-
-impl School {
-    /// Takes the stored pilots and lessons.
-    pub(super) fn of(meta: &std::collections::HashMap<String, String>) -> Self {
-        // Both are written by this program; text of a later one counts as none, and is made anew.
-        let read = |key: &str| meta.get(key).map(String::as_str);
-        Self {
-            pilots: read(PILOTS)
-                .and_then(|text| serde_json::from_str(text).ok())
-                .unwrap_or_default(),
-            lessons: read(LESSONS).and_then(|text| serde_json::from_str(text).ok()?),
-        }
-    }
-}
 
 impl Books {
     pub fn pilots(&self) -> &Pilots {

@@ -19,7 +19,7 @@ use cardiotwin_slurm::site::Site;
 use cardiotwin_store::cluster_jobs::{JobRow, JobSpec};
 use cardiotwin_store::outbox::Action;
 use cardiotwin_workflow::cluster_job::{Element, JobEvent, Submission};
-use cardiotwin_workflow::pilots::Teaching;
+use cardiotwin_workflow::derivation::Teaching;
 use cardiotwin_workflow::task::Task;
 
 use super::{Cluster, Expectations};

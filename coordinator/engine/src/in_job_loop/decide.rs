@@ -6,9 +6,8 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_workflow::attempt::AttemptEnding;
-use cardiotwin_workflow::derivation::{self, Next};
+use cardiotwin_workflow::derivation::{self, Next, Teaching};
 use cardiotwin_workflow::judge::judge;
-use cardiotwin_workflow::pilots::Teaching;
 
 use super::{Errand, Existing, InJobLoop, Sight, Wanted};
 use crate::StopLevel;

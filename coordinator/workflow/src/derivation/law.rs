@@ -4,9 +4,8 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::task::{InputFile, LAW_FILE, TaskSpec};
 
-use super::{Derivation, Derived, Next, broken, wrong_kind};
+use super::{Derivation, Derived, Next, Teaching, broken, wrong_kind};
 use crate::patient::{Stage, Step};
-use crate::pilots::Teaching;
 
 impl Derivation<'_, '_> {
     /// The law that pilots taught; `None` if the patient learns from nobody.

@@ -18,7 +18,7 @@ use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::organ::{
     BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
 };
-use cardiotwin_schemas::organ_law::LawSamples;
+use cardiotwin_schemas::organ_law::{LawLesson, LawSamples};
 use cardiotwin_schemas::outcome::{Artefact, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::Step1Summary;
@@ -28,7 +28,6 @@ use cardiotwin_schemas::task::{CellInOrgan, InputFile, NoopSpec, Step1Beat, Task
 use crate::cell_fit;
 use crate::chain::Chain;
 use crate::patient::{Stage, Step};
-use crate::pilots::Teaching;
 
 pub use crate::stream::stream;
 
@@ -46,6 +45,17 @@ pub enum Settled<'a> {
     },
     /// The task failed for good.
     Failed(&'a Failure),
+}
+
+/// What a patient learns from pilots.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Teaching<'a> {
+    /// The patient learns from nobody: it is a pilot, or there are none.
+    None,
+    /// The patient waits for these pilots.
+    Awaited(Vec<PatientId>),
+    /// All pilots have ended, and this is what they teach.
+    Lessons(&'a [LawLesson]),
 }
 
 /// Next event of a chain.
