@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::failure::Failure;
 use crate::ids::{PatientId, TaskKey};
 use crate::organ::Step1Parameters;
+use crate::organ_law::LawLesson;
 use crate::plan::ResolvedPatient;
 use crate::progress::Claim;
 use crate::settings::InstructionSet;
@@ -71,6 +72,10 @@ pub struct JobPatient {
     /// Parameters of step 1 that were simulated under earlier settings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub carried: Vec<Step1Parameters>,
+    /// What pilots teach this patient (`workflow.pilots`); absent for a pilot and without pilots. A
+    /// patient who has to wait for pilots is in no job.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lessons: Option<Vec<LawLesson>>,
     /// Tasks with a result known to the coordinator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<KnownTask>,

@@ -1,6 +1,9 @@
 //! Samples of a finite-element beat from which the organ's law is learned, and the file of a learned
 //! law.
 
+use crate::finite_element::VentricleFigures;
+use crate::ids::TaskKey;
+use crate::organ::CellStretch;
 use cardiotwin_vocabulary::organ_law::LawPrior;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -29,6 +32,30 @@ pub struct LawSamples {
     /// Active stress along the same pattern: the mean of the product of both.
     #[serde(rename = "stress_deviation_kPa")]
     pub stress_deviation_kpa: Vec<f64>,
+}
+
+/// What an organ's beats teach about the organ's law.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LawLesson {
+    /// Pseudonym of the patient.
+    pub patient: String,
+    /// Figures of the organ.
+    pub figures: VentricleFigures,
+    /// Reference of the cells' stretch.
+    pub cell_stretch: CellStretch,
+    /// Beats, oldest first.
+    pub beats: Vec<LessonBeat>,
+}
+
+/// A beat that teaches.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LessonBeat {
+    /// Key of the beat's task.
+    pub task: TaskKey,
+    /// Samples of the beat.
+    pub samples: LawSamples,
 }
 
 /// What organs taught about the organ's law (`cardiotwin export --law`): the start of further

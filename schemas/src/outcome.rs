@@ -11,7 +11,7 @@ use crate::failure::Failure;
 use crate::ids::AttemptId;
 use crate::motion::MotionMeasures;
 use crate::organ::Step1Parameters;
-use crate::organ_law::LawSamples;
+use crate::organ_law::{LawSamples, LawTeacher};
 use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
 use crate::samples::BeatSamples;
@@ -109,6 +109,8 @@ pub enum TaskResult {
     PassiveState(PassiveStateResult),
     /// Result of a simulation of the organ.
     OrganBeat(OrganBeatResult),
+    /// The organ's law that pilots taught.
+    LearnLaw(LearnLawResult),
     /// Parameters for the next simulation of step 1.
     Step1Proposal(Step1ProposalResult),
     /// Parameters for the next simulation of step 3.
@@ -261,6 +263,54 @@ pub type Step1ProposalResult = ProposalResult<Step1Parameters>;
 
 /// Proposal of step 3 for the next simulation: parameters of the cell and of the valves, by name.
 pub type Step3ProposalResult = ProposalResult<BTreeMap<String, f64>>;
+
+/// The organ's law that pilots taught. Artefact: `law` (`law.json`, a law file).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LearnLawResult {
+    /// Organs that taught, sorted by name.
+    pub organs: Vec<LawTeacher>,
+}
+
+impl LearnLawResult {
+    /// Number of beats that taught.
+    #[must_use]
+    pub fn n_beats(&self) -> usize {
+        self.organs.iter().map(|organ| organ.beats.len()).sum()
+    }
+
+    /// Error of the pressure before an organ's first beat, in the mean of the organs, before and
+    /// after learning \[mmHg\]; `None` without organs.
+    #[must_use]
+    pub fn errors_mmhg(&self) -> Option<(f64, f64)> {
+        let n = self.organs.len() as f64;
+        let before: f64 = (self.organs.iter())
+            .map(|o| o.pressure_error_before_mmhg)
+            .sum();
+        let after: f64 = (self.organs.iter())
+            .map(|o| o.pressure_error_after_mmhg)
+            .sum();
+        (n > 0.0).then(|| (before / n, after / n))
+    }
+
+    /// What was learned, in words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let counted = |n: usize, one: &str| match n {
+            1 => format!("1 {one}"),
+            n => format!("{n} {one}s"),
+        };
+        let Some((before, after)) = self.errors_mmhg() else {
+            return "the pilots made no beat that teaches".to_owned();
+        };
+        format!(
+            "{} and {}; error of the pressure before a first beat {before:.2} mmHg, then {after:.2} \
+             mmHg",
+            counted(self.organs.len(), "organ"),
+            counted(self.n_beats(), "beat"),
+        )
+    }
+}
 
 /// Targets of step 2. Artefact: `median` (`median.csv`: time_ms, Sa_kPa, Ca_uM, lambda).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -12,15 +12,15 @@ use crate::organ::{
     BeatCount, CellStretch, CirculationSpec, ContractionSpec, OrganSpec, Step1Parameters,
     ValveParameters,
 };
-use crate::organ_law::LawSamples;
+use crate::organ_law::{LawLesson, LawSamples};
 use crate::outcome::PassiveStateResult;
 use crate::patient::Noise;
 use crate::posterior::{PosteriorSpec, TwinBeat};
-use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode};
+use crate::settings::{ActivationSettings, Fidelity, Settings, StartMode, Surrogate};
 use crate::shared::Shared;
 use crate::task::{
-    CellInOrgan, InputFile, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, Step1Run,
-    Step3ProposalSpec, Step3Run, TaskSpec,
+    CellInOrgan, InputFile, LearnLawSpec, OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec,
+    Step1Run, Step3ProposalSpec, Step3Run, TaskSpec,
 };
 
 /// Proposals and posteriors of all patients draw the same random numbers, so that only the data
@@ -87,6 +87,34 @@ impl ResolvedPatient {
     #[must_use]
     pub fn random_stream(&self) -> &PatientId {
         self.random_stream.as_ref().unwrap_or(&self.id)
+    }
+
+    /// Whether parameters are sought in the organ's law.
+    #[must_use]
+    pub fn uses_the_organs_law(&self) -> bool {
+        self.workflow == Workflow::Personalise
+            && self.settings.solver.fidelity == Fidelity::FiniteElement
+            && self.settings.workflow.surrogate == Surrogate::OrganLaw
+    }
+
+    /// Number of pilots who teach the organ's law in this patient's cohort; 0 if the patient has
+    /// nothing to do with pilots.
+    #[must_use]
+    pub fn n_pilots(&self) -> u32 {
+        match self.uses_the_organs_law() {
+            true => self.settings.workflow.pilots,
+            false => 0,
+        }
+    }
+
+    /// Task that learns the law before this patient's first beat from what pilots teach.
+    #[must_use]
+    pub fn learn_law_spec(&self, lessons: &[LawLesson]) -> LearnLawSpec {
+        LearnLawSpec {
+            learner: self.id.clone(),
+            start: self.law.clone(),
+            lessons: lessons.to_vec(),
+        }
     }
 
     /// Task of step 0. Settings take precedence, because a rerun may have changed them after the

@@ -11,8 +11,8 @@ use crate::failure::Failure;
 use crate::ids::TaskKey;
 use crate::organ::Step1Parameters;
 use crate::outcome::{
-    Artefact, CellFitResult, OrganBeatResult, PassiveStateResult, Step1ProposalResult,
-    Step3ProposalResult, TargetsResult,
+    Artefact, CellFitResult, LearnLawResult, OrganBeatResult, PassiveStateResult,
+    Step1ProposalResult, Step3ProposalResult, TargetsResult,
 };
 use crate::plan::ResolvedPatient;
 use crate::posterior::PosteriorResult;
@@ -54,6 +54,9 @@ pub struct PatientRecord {
     pub status: PatientStatus,
     /// Result of step 0.
     pub step0: Option<TaskRecord<PassiveStateResult>>,
+    /// The organ's law that pilots taught; absent for a pilot and without pilots.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<TaskRecord<LearnLawResult>>,
     /// Simulations of step 1 in order, including failed ones.
     pub iterations: Vec<IterationRecord>,
     /// Ending and result of step 1.
@@ -178,6 +181,28 @@ pub struct Step3IterationRecord {
 }
 
 impl PatientRecord {
+    /// The law from which the search of parameters started, in words; `None` without the organ's
+    /// law, and while the patient may wait for pilots.
+    #[must_use]
+    pub fn start_of_the_law(&self) -> Option<String> {
+        let may_wait = self.plan.n_pilots() > 0 && self.law.is_none() && self.iterations.is_empty();
+        if !self.plan.uses_the_organs_law() || may_wait {
+            return None;
+        }
+        Some(match (&self.law, &self.plan.law) {
+            (Some(law), _) => {
+                let organs = law.result.organs.iter();
+                let names: Vec<&str> = organs.map(|organ| organ.patient.as_str()).collect();
+                match names.as_slice() {
+                    [] => law.result.words(),
+                    names => format!("pilots {} ({})", names.join(", "), law.result.words()),
+                }
+            }
+            (None, Some(file)) => format!("file {}", file.path.display()),
+            (None, None) => "of the program".to_owned(),
+        })
+    }
+
     /// Verdict on a verified twin that is outside of its tolerances; `None` for any other patient.
     #[must_use]
     pub fn off(&self) -> Option<&Verdict> {

@@ -339,6 +339,10 @@ pub struct WorkflowSettings {
     /// path is relative to the cohort's folder. Without it, the law of the program is the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub law: Option<String>,
+    /// Number of patients, the first by name of those who use the organ's law, whose 3D beats teach
+    /// the law of all others. The others wait after step 0 until these pilots have ended. With 0,
+    /// every patient is independent.
+    pub pilots: u32,
 }
 
 /// Fast ventricle in which the parameters of a finite-element ventricle are sought.

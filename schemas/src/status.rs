@@ -143,9 +143,31 @@ pub struct Status {
     /// Patients that the last `run` or `advance` left out because of errors in their files.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub refused: Vec<RefusedPatient>,
+    /// What pilots taught about the organ's law (`workflow.pilots`); absent before, and without
+    /// pilots.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learned: Option<LearnedStatus>,
     /// Jobs on the cluster, if the run has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cluster: Option<ClusterStatus>,
+}
+
+/// What pilots taught about the organ's law.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LearnedStatus {
+    /// Pseudonyms of the patients whose organs taught.
+    pub organs: Vec<String>,
+    /// Number of beats that taught.
+    pub beats: u64,
+    /// Root mean square of the pressure's error before an organ's first beat, in the mean of the
+    /// organs, in the law before learning; absent if no organ taught.
+    #[serde(rename = "pressure_error_before_mmHg")]
+    pub pressure_error_before_mmhg: Option<f64>,
+    /// The same error in the learned law.
+    #[serde(rename = "pressure_error_after_mmHg")]
+    pub pressure_error_after_mmhg: Option<f64>,
+    /// The same in words.
+    pub words: String,
 }
 
 /// A patient whose files have errors. Its results of earlier runs stay, and no task of it begins.

@@ -9,9 +9,9 @@ use crate::biomarkers::{Biomarkers, CellBiomarkers};
 use crate::discover::DiscoverSpec;
 use crate::finite_element::{AnatomySpec, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
-use crate::ids::{AttemptId, TaskKey};
+use crate::ids::{AttemptId, PatientId, TaskKey};
 use crate::organ::{EffectSpec, OneFibrePassive, OrganSpec, Step1Parameters, WindkesselParameters};
-use crate::organ_law::LawSamples;
+use crate::organ_law::{LawLesson, LawSamples};
 use crate::posterior::PosteriorSpec;
 use crate::samples::{BeatSamples, MeasuredTraces};
 use crate::settings::{ActivationSettings, CellFitSettings, InstructionSet, StartMode};
@@ -29,6 +29,8 @@ pub enum TaskSpec {
     PassiveState(Box<PassiveStateSpec>),
     /// One simulation of the organ: an iteration of step 1, or the verification beat.
     OrganBeat(Box<OrganBeatSpec>),
+    /// The organ's law before a patient's first beat, from the beats of pilots.
+    LearnLaw(Box<LearnLawSpec>),
     /// Choice of the next parameters in step 1, by space mapping.
     Step1Proposal(Box<Step1ProposalSpec>),
     /// Choice of the next parameters in step 3, by space mapping.
@@ -64,6 +66,7 @@ impl TaskSpec {
         match self {
             Self::PassiveState(_) => "passive-state",
             Self::OrganBeat(_) => "organ-beat",
+            Self::LearnLaw(_) => LEARN_LAW,
             Self::Step1Proposal(_) => "step1-proposal",
             Self::Step3Proposal(_) => "step3-proposal",
             Self::Posterior(_) => "posterior",
@@ -99,7 +102,7 @@ impl TaskSpec {
             Self::CellSweep(_) => 4,
             Self::Posterior(_) => 6,
             Self::Targets(_) => 3,
-            Self::Noop(_) => 1,
+            Self::LearnLaw(_) | Self::Noop(_) => 1,
         }
     }
 
@@ -136,6 +139,27 @@ fn strip_paths(value: &mut serde_json::Value) {
         serde_json::Value::Array(items) => items.iter_mut().for_each(strip_paths),
         _ => {}
     }
+}
+
+/// Role of a law file in tasks that start from it.
+pub const LAW_FILE: &str = "organ's law";
+
+/// Kind of the tasks that learn the organ's law from pilots.
+pub const LEARN_LAW: &str = "learn-law";
+
+/// The organ's law from the beats of pilots (`workflow.pilots`). Each patient who starts from it
+/// has such a task of its own, so that patients in different jobs never wait for each other; the
+/// tasks differ in `learner` alone, and their results are the same.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LearnLawSpec {
+    /// Pseudonym of the patient who starts from the law.
+    pub learner: PatientId,
+    /// File of the law from which learning starts; absent for the law of the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<InputFile>,
+    /// What each pilot teaches, sorted by name. Pilots without a beat teach nothing.
+    pub lessons: Vec<LawLesson>,
 }
 
 /// Input of step 0 (SPEC section 3, "passive state", and section 4).

@@ -166,6 +166,11 @@ impl Cohort {
         Self::of(&[id], QUICK)
     }
 
+    /// Other patients of the bundled cohort, done within seconds.
+    pub fn quick_of_these(ids: &[&str]) -> Self {
+        Self::of(ids, QUICK)
+    }
+
     /// Patients of the bundled cohort with the program's defaults, except for the one-fibre
     /// ventricle and no posterior.
     pub fn by_default(ids: &[&str]) -> Self {

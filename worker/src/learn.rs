@@ -7,26 +7,16 @@ use std::path::{Path, PathBuf};
 use cardiotwin_calibrate::cohort_law::{LawOrgan, learn};
 use cardiotwin_calibrate::organ_law::{LawPrior, fit_law, shipped_prior};
 use cardiotwin_input_files::MaxBytes;
-use cardiotwin_schemas::finite_element::VentricleFigures;
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::hash::sha256_hex;
-use cardiotwin_schemas::organ::{CellStretch, OrganSpec};
-use cardiotwin_schemas::organ_law::{LawFile, LawSamples, LawTeacher};
+use cardiotwin_schemas::organ::OrganSpec;
+use cardiotwin_schemas::organ_law::{LawFile, LawLesson, LawTeacher, LessonBeat};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 
 use crate::error::TaskError;
 use crate::provenance::VERSION;
 use crate::tasks::proposal::{features, law_wall, learnable_beats};
-
-/// Beats of one organ. Beats of one patient in different passive states are different organs.
-struct Organ {
-    patient: String,
-    figures: VentricleFigures,
-    cell_stretch: CellStretch,
-    keys: Vec<String>,
-    beats: Vec<LawSamples>,
-}
 
 /// Learns a law from the directories of published finite-element beats. Directories of other beats
 /// are left out.
@@ -37,17 +27,15 @@ struct Organ {
 /// # Errors
 /// [`TaskError`] if a file cannot be read or its content cannot be used.
 pub fn law_file(beats: &[(String, PathBuf)], prior: Option<&Path>) -> Result<LawFile, TaskError> {
-    let mut organs: BTreeMap<(String, String), Organ> = BTreeMap::new();
+    // Beats of one patient in different passive states are different organs.
+    let mut organs: BTreeMap<(String, String), LawLesson> = BTreeMap::new();
     for (patient, directory) in beats {
         if let Some((hash, organ)) = read_beat(patient, directory)? {
             match organs.entry((patient.clone(), hash)) {
                 Entry::Vacant(place) => {
                     place.insert(organ);
                 }
-                Entry::Occupied(mut known) => {
-                    known.get_mut().keys.extend(organ.keys);
-                    known.get_mut().beats.extend(organ.beats);
-                }
+                Entry::Occupied(mut known) => known.get_mut().beats.extend(organ.beats),
             }
         }
     }
@@ -59,36 +47,53 @@ pub fn law_file(beats: &[(String, PathBuf)], prior: Option<&Path>) -> Result<Law
             (file.prior, Some(sha256_hex(&bytes)))
         }
     };
-    let lessons: Vec<LawOrgan> = organs
-        .values()
-        .map(|organ| {
-            Ok(LawOrgan {
-                passive: law_wall(&organ.figures)?,
-                features: features(&organ.figures),
-                beats: learnable_beats(&organ.cell_stretch, &organ.beats),
-            })
-        })
-        .collect::<Result<_, TaskError>>()?;
-    let after = learn(&before, &lessons)?;
-    let teachers = organs
-        .values()
-        .zip(&lessons)
-        .map(|(organ, lesson)| {
-            Ok(LawTeacher {
-                patient: organ.patient.clone(),
-                beats: organ.keys.clone(),
-                pressure_error_before_mmhg: pressure_error_mmhg(lesson, &before)?,
-                pressure_error_after_mmhg: pressure_error_mmhg(lesson, &after)?,
-            })
-        })
-        .collect::<Result<_, TaskError>>()?;
+    let lessons: Vec<LawLesson> = organs.into_values().collect();
+    let (organs, prior) = learned(&lessons, &before)?;
     Ok(LawFile {
         schema_version: formats::LAW.version,
         program: VERSION.to_owned(),
         learned_from,
-        organs: teachers,
-        prior: after,
+        organs,
+        prior,
     })
+}
+
+/// The law that organs teach, with the errors of its pressure before and after. The order of the
+/// organs counts by rounding alone.
+///
+/// # Errors
+/// [`TaskError`] if samples or figures cannot be used.
+pub fn learned(
+    lessons: &[LawLesson],
+    before: &LawPrior,
+) -> Result<(Vec<LawTeacher>, LawPrior), TaskError> {
+    let organs: Vec<LawOrgan> = lessons
+        .iter()
+        .map(|lesson| {
+            Ok(LawOrgan {
+                passive: law_wall(&lesson.figures)?,
+                features: features(&lesson.figures),
+                beats: learnable_beats(
+                    &lesson.cell_stretch,
+                    lesson.beats.iter().map(|beat| &beat.samples),
+                ),
+            })
+        })
+        .collect::<Result<_, TaskError>>()?;
+    let after = learn(before, &organs)?;
+    let teachers = lessons
+        .iter()
+        .zip(&organs)
+        .map(|(lesson, organ)| {
+            Ok(LawTeacher {
+                patient: lesson.patient.clone(),
+                beats: lesson.beats.iter().map(|b| b.task.to_string()).collect(),
+                pressure_error_before_mmhg: pressure_error_mmhg(organ, before)?,
+                pressure_error_after_mmhg: pressure_error_mmhg(organ, &after)?,
+            })
+        })
+        .collect::<Result<_, TaskError>>()?;
+    Ok((teachers, after))
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TaskError> {
@@ -99,7 +104,7 @@ fn read(path: &Path) -> Result<Vec<u8>, TaskError> {
 }
 
 /// Hash of a beat's ventricle, and the organ with this beat; `None` for a beat without samples.
-fn read_beat(patient: &str, directory: &Path) -> Result<Option<(String, Organ)>, TaskError> {
+fn read_beat(patient: &str, directory: &Path) -> Result<Option<(String, LawLesson)>, TaskError> {
     let path = directory.join("spec.json");
     let spec: AttemptSpec = formats::SPEC.read(&path.display(), &read(&path)?)?;
     let path = directory.join("outcome.json");
@@ -119,12 +124,14 @@ fn read_beat(patient: &str, directory: &Path) -> Result<Option<(String, Organ)>,
     let Some(samples) = result.law else {
         return Ok(None);
     };
-    let organ_of_beat = Organ {
+    let organ_of_beat = LawLesson {
         patient: patient.to_owned(),
         figures: organ.figures,
         cell_stretch: beat.cell_stretch,
-        keys: vec![outcome.attempt.task.to_string()],
-        beats: vec![samples],
+        beats: vec![LessonBeat {
+            task: outcome.attempt.task,
+            samples,
+        }],
     };
     Ok(Some((organ.ventricle.sha256.clone(), organ_of_beat)))
 }

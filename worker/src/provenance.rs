@@ -93,6 +93,7 @@ pub fn inputs(task: &TaskSpec) -> Vec<&InputFile> {
         TaskSpec::Step3Proposal(spec) => with_prior(&spec.beat, spec.prior.as_ref()),
         TaskSpec::Posterior(spec) => with_prior(&spec.beat, spec.prior.as_ref()),
         TaskSpec::Discover(spec) => spec.files(),
+        TaskSpec::LearnLaw(spec) => spec.start.iter().collect(),
         TaskSpec::Step1Proposal(spec) => spec.prior.iter().collect(),
         TaskSpec::CellSweep(_) | TaskSpec::Noop(_) => Vec::new(),
     }

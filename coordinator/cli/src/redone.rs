@@ -99,7 +99,7 @@ pub async fn told(
         .filter(|(id, _)| is_wanted(id))
         .filter_map(|(id, would)| match would {
             Foreseen::Redone(step) => Some((id, *step)),
-            Foreseen::Stays | Foreseen::GoesOn(_) => None,
+            Foreseen::Stays | Foreseen::GoesOn(_) | Foreseen::Waits => None,
         })
         .collect();
     if redone.is_empty() {

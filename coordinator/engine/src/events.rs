@@ -134,6 +134,8 @@ pub struct RunSummary {
     pub cancelled: usize,
     /// Number of patients that are not over.
     pub unfinished: usize,
+    /// Number of these patients that wait for pilots of whom none ends without a person.
+    pub held: usize,
     /// Number of attempts, or of elements of jobs, that this run submitted.
     pub submitted: u64,
     /// Number of tasks that this run published.
@@ -165,7 +167,7 @@ impl RunSummary {
     /// Whether the run continues on the cluster without this process.
     #[must_use]
     pub fn on_cluster(&self) -> bool {
-        self.cluster && (self.jobs > 0 || self.unfinished > 0)
+        self.cluster && (self.jobs > 0 || self.unfinished > self.held)
     }
 
     /// Whether everything had been done before this run.

@@ -7,7 +7,7 @@ use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_store::Writer;
 use cardiotwin_store::clock;
-use cardiotwin_workflow::patient::{Patient, Step};
+use cardiotwin_workflow::patient::{Patient, Stage, Step};
 
 use super::EngineError;
 use super::books::Books;
@@ -22,6 +22,8 @@ pub enum Foreseen {
     Redone(Step),
     /// The patient continues with this task.
     GoesOn(Step),
+    /// The patient waits for pilots.
+    Waits,
 }
 
 /// Decides for every patient as a run would, by the keys of the tasks, and writes nothing. Without
@@ -48,7 +50,12 @@ pub async fn foresee(
         }
         let would = match &patient.row.state {
             Patient::Working { step, .. } if was_over => Foreseen::Redone(*step),
+            // It waits for pilots first.
+            Patient::Waiting | Patient::Deciding { .. } if was_over => {
+                Foreseen::Redone(Step::only(Stage::LearnLaw))
+            }
             Patient::Working { step, .. } => Foreseen::GoesOn(*step),
+            Patient::Waiting | Patient::Deciding { .. } => Foreseen::Waits,
             _ => Foreseen::Stays,
         };
         foreseen.insert(PatientId(patient.row.status.patient.clone()), would);

@@ -6,14 +6,11 @@ use cardiotwin_calibrate::cohort_law::check_prior;
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::organ_law::LawFile;
 use cardiotwin_schemas::settings::Settings;
-use cardiotwin_schemas::task::InputFile;
+use cardiotwin_schemas::task::{InputFile, LAW_FILE};
 use cardiotwin_signals::Problem;
 
 use super::hashed::hash_and_read;
 use super::report::Report;
-
-/// Role of the file in tasks.
-const NAME: &str = "organ's law";
 
 /// The file with its hash; `None` inside if there is none. A file that cannot be used becomes a
 /// problem in `report`, and the result is `None`.
@@ -27,7 +24,7 @@ pub(super) fn file(
         return Some(None);
     };
     let path = cohort_folder.join(name);
-    let (file, bytes) = hash_and_read(NAME, &path, patient, report)?;
+    let (file, bytes) = hash_and_read(LAW_FILE, &path, patient, report)?;
     let problem = match formats::LAW.read::<LawFile>(&path.display(), &bytes) {
         Ok(law) => check_prior(&law.prior).err().map(|error| error.to_string()),
         Err(error) => Some(error.in_full()),

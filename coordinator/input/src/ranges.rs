@@ -413,8 +413,9 @@ mod tests {
     use super::*;
 
     /// Numbers without a range of their own: pairs that are compared with each
-    /// other, seeds, and settings of a site.
-    const FREE: [&str; 9] = [
+    /// other, seeds, settings of a site, and the number of pilots, of which a large one means all
+    /// patients.
+    const FREE: [&str; 10] = [
         "step1.bounds",
         "step2.bounds",
         "step2.frozen",
@@ -422,6 +423,7 @@ mod tests {
         "step2.mutation",
         "step2.seed",
         "step3.bounds",
+        "workflow.pilots",
         "executor.slurm",
         "solver.external",
     ];

@@ -31,6 +31,7 @@ pub mod outbox;
 mod pace;
 mod patience;
 pub mod patients;
+pub mod pilots;
 mod reader;
 mod record;
 mod screen;

@@ -8,9 +8,12 @@ use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
+use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
-use cardiotwin_schemas::status::{ClusterStatus, PatientStatus, RefusedPatient, Status};
+use cardiotwin_schemas::status::{
+    ClusterStatus, LearnedStatus, PatientStatus, RefusedPatient, Status,
+};
 use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use sqlx::Row as _;
@@ -25,6 +28,7 @@ use super::notable::Notable;
 use super::open::ReadOnly;
 use super::pace::{self, Pace};
 use super::patients::{PatientRow, REFUSED};
+use super::pilots::{PILOTS, Pilots};
 use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
@@ -44,6 +48,15 @@ const SETTLED: &str = "
 SELECT tasks.key, tasks.state, tasks.outcome, attempts.directory
 FROM tasks LEFT JOIN attempts ON attempts.task = tasks.key AND attempts.generation = (tasks.state->>'generation')
 WHERE tasks.word IN ('published', 'failed')";
+
+const HAS_LESSONS: &str = "SELECT 1 FROM meta WHERE key = 'lessons' AND value <> 'null'";
+
+/// Outcome of the law that the first patient in the cohort's order has learned.
+const LEARNED: &str = "
+SELECT tasks.outcome
+FROM patients JOIN plans ON plans.patient_id = patients.id JOIN tasks ON tasks.key = (plans.chain->>'law')
+WHERE patients.active AND tasks.word = 'published'
+ORDER BY patients.position LIMIT 1";
 
 const REVISION: &str = "
 SELECT json_array((SELECT max(sequence) FROM events), (SELECT count(*) FROM patients), (SELECT sum(version) FROM patients))
@@ -103,6 +116,7 @@ impl Reader {
             counts,
             patients,
             refused: self.refused().await?,
+            learned: self.learned().await?,
             cluster: self.cluster(now_ms).await?,
         })
     }
@@ -169,6 +183,40 @@ impl Reader {
     async fn refused(&self) -> Result<Vec<RefusedPatient>, StoreError> {
         // Runs of earlier programs have no such entry.
         Ok(serde_json::from_str(&self.meta(REFUSED).await?).unwrap_or_default())
+    }
+
+    /// What pilots taught; `None` before a patient has learned from them.
+    async fn learned(&self) -> Result<Option<LearnedStatus>, StoreError> {
+        // Most runs have no pilots, and no further table is looked at for them.
+        let pilots = serde_json::from_str::<Pilots>(&self.meta(PILOTS).await?);
+        if pilots.is_ok_and(|pilots| pilots.names.is_empty()) || !self.has_lessons().await? {
+            return Ok(None);
+        }
+        let rows = self.rows(LEARNED, None).await?;
+        let Some(outcome) = rows.first().map(|row| row.get::<String, _>(0)) else {
+            return Ok(None);
+        };
+        let outcome: TaskOutcome = formats::OUTCOME.read(&"tasks.outcome", outcome.as_bytes())?;
+        let Ending::Succeeded { result } = outcome.ending else {
+            return Ok(None);
+        };
+        let TaskResult::LearnLaw(result) = *result else {
+            return Ok(None);
+        };
+        let errors = result.errors_mmhg();
+        Ok(Some(LearnedStatus {
+            organs: result.organs.iter().map(|o| o.patient.clone()).collect(),
+            beats: result.n_beats() as u64,
+            pressure_error_before_mmhg: errors.map(|(before, _)| before),
+            pressure_error_after_mmhg: errors.map(|(_, after)| after),
+            words: result.words(),
+        }))
+    }
+
+    /// Whether all pilots have ended. The lessons themselves are large, and are not read.
+    async fn has_lessons(&self) -> Result<bool, StoreError> {
+        let rows = self.rows(HAS_LESSONS, None).await?;
+        Ok(!rows.is_empty())
     }
 
     /// State of the cluster; `None` if the run never used one.

@@ -189,6 +189,10 @@ pub(super) fn patient(
             TaskResult::PassiveState(r) => Some(r.clone()),
             _ => None,
         }),
+        law: find(settled, chain.law.as_ref(), |result| match result {
+            TaskResult::LearnLaw(r) => Some(r.clone()),
+            _ => None,
+        }),
         iterations: iterations.collect(),
         targets: find(settled, chain.targets.as_ref(), |result| match result {
             TaskResult::Targets(r) => Some(r.clone()),

@@ -17,6 +17,9 @@ use super::patient::{Stage, Step};
 pub struct Chain {
     /// Task of step 0.
     pub step0: Option<TaskKey>,
+    /// Task that learned the organ's law from pilots.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<TaskKey>,
     /// Simulations of step 1, including failed ones and those under earlier settings.
     pub iterations: Vec<ChainIteration>,
     /// Proposals for step 1's simulations, if they are tasks of their own. The simulation of the
@@ -126,6 +129,7 @@ impl Chain {
         let mut steps: Vec<(Step, &TaskKey)> = [Stage::Step0]
             .into_iter()
             .zip(&self.step0)
+            .chain([Stage::LearnLaw].into_iter().zip(&self.law))
             .chain(std::iter::repeat(Stage::Step1).zip(iterations))
             .chain([Stage::Targets].into_iter().zip(&self.targets))
             .chain([Stage::Step2].into_iter().zip(&self.cell_fit))

@@ -10,11 +10,13 @@ use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{
-    CellFitResult, CellSweepResult, Ending, OrganBeatResult, PassiveStateResult, ProposalResult,
-    Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskOutcome, TaskResult,
+    CellFitResult, CellSweepResult, Ending, LearnLawResult, OrganBeatResult, PassiveStateResult,
+    ProposalResult, Step1ProposalResult, Step3ProposalResult, TargetsResult, TaskOutcome,
+    TaskResult,
 };
 use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::step1::Step1Parameter;
+use cardiotwin_schemas::task::LEARN_LAW;
 
 use super::attempt::AttemptEnding;
 
@@ -57,6 +59,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
     match (kind, result) {
         ("passive-state", TaskResult::PassiveState(r)) => passive_state(r),
         ("organ-beat", TaskResult::OrganBeat(r)) => organ_beat(r),
+        (LEARN_LAW, TaskResult::LearnLaw(r)) => learn_law(r),
         ("step1-proposal", TaskResult::Step1Proposal(r)) => step1_proposal(r),
         ("step3-proposal", TaskResult::Step3Proposal(r)) => step3_proposal(r),
         ("posterior", TaskResult::Posterior(r)) => posterior(r),
@@ -69,6 +72,7 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
             let found = match other {
                 TaskResult::PassiveState(_) => "passive-state",
                 TaskResult::OrganBeat(_) => "organ-beat",
+                TaskResult::LearnLaw(_) => LEARN_LAW,
                 TaskResult::Step1Proposal(_) => "step1-proposal",
                 TaskResult::Step3Proposal(_) => "step3-proposal",
                 TaskResult::Posterior(_) => "posterior",
@@ -84,6 +88,19 @@ fn science(kind: &str, result: &TaskResult) -> Result<(), Failure> {
             ))
         }
     }
+}
+
+fn learn_law(r: &LearnLawResult) -> Result<(), Failure> {
+    r.organs.iter().try_for_each(|organ| {
+        finite(
+            "pressure error before learning",
+            organ.pressure_error_before_mmhg,
+        )?;
+        finite(
+            "pressure error after learning",
+            organ.pressure_error_after_mmhg,
+        )
+    })
 }
 
 fn passive_state(r: &PassiveStateResult) -> Result<(), Failure> {

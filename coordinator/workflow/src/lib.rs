@@ -18,6 +18,7 @@ pub mod derivation;
 pub mod judge;
 mod organ_fit;
 pub mod patient;
+pub mod pilots;
 mod stream;
 pub mod task;
 

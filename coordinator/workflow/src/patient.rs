@@ -11,6 +11,7 @@
 //!   └──────────── Cancel ────────┴──────────► Cancelled{at}
 //!
 //!  steps:  step-0 ─► step-1 iteration 1 … k ─► targets ─► step-2 ─► verification ─► step-3 iteration 1 … n  (personalise)
+//!                    (between step-0 and step-1, a patient with pilots waits for them and takes learn-law)
 //!                    each after a proposal of its own, where space mapping finds the next parameters
 //!          noop-1 ─► noop-2 ─► noop-3                                                 (noop)
 //!          task                                                                       (an element of a sweep)
@@ -37,6 +38,8 @@ pub enum Stage {
     /// Passive state and loads.
     #[serde(rename = "step-0")]
     Step0,
+    /// The organ's law from the beats of pilots.
+    LearnLaw,
     /// Proposals for step 1's simulations, if they are tasks of their own.
     #[serde(rename = "step-1-proposal")]
     Step1Proposal,
@@ -73,6 +76,7 @@ impl Stage {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Step0 => "step-0",
+            Self::LearnLaw => "learn-law",
             Self::Step1Proposal => "step-1-proposal",
             Self::Step1 => "step-1",
             Self::Targets => "targets",

@@ -2,6 +2,7 @@
 
 pub mod cell_fit;
 pub mod discover;
+pub mod learn_law;
 pub mod noop;
 pub mod organ_beat;
 pub mod passive_state;
@@ -24,6 +25,7 @@ pub fn run_task(task: &TaskSpec, context: &mut Context) -> Ending {
         TaskSpec::Noop(spec) => noop::run(spec, context).map(succeeded),
         TaskSpec::PassiveState(spec) => passive_state::run(spec, context).map(succeeded),
         TaskSpec::OrganBeat(spec) => organ_beat::run(spec, context),
+        TaskSpec::LearnLaw(spec) => learn_law::run(spec, context).map(succeeded),
         TaskSpec::Step1Proposal(spec) => proposal::step1::run(spec, context).map(succeeded),
         TaskSpec::Step3Proposal(spec) => proposal::step3::run(spec, context).map(succeeded),
         TaskSpec::Posterior(spec) => posterior::run(spec, context).map(succeeded),

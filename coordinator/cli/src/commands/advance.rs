@@ -103,6 +103,9 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
             "{} done, {} failed, {} cancelled",
             summary.done, summary.failed, summary.cancelled
         );
+        if summary.held > 0 {
+            parts.push_str(&format!(", {} waiting for pilots", summary.held));
+        }
         if n_refused > 0 {
             parts.push_str(&format!(", {n_refused} refused for errors in their files"));
         }
@@ -113,7 +116,10 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
     } else {
         on_cluster(&summary, &folders, talk).await?;
     }
-    match (over, summary.failed + summary.cancelled + n_refused) {
+    match (
+        over,
+        summary.failed + summary.cancelled + summary.held + n_refused,
+    ) {
         (false, _) => Ok(Exit::Unfinished),
         (true, 0) => done(&open(&folders).await?).await,
         (true, _) => Ok(Exit::Problems),

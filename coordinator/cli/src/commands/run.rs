@@ -481,7 +481,15 @@ async fn finish(
              `run` takes these patients up"
         ));
     }
-    if summary.failed + summary.cancelled + n_refused > 0 {
+    if summary.held > 0 {
+        let place = folders.as_argument("");
+        talk.hint(&format!(
+            "{} still to learn from pilots: `cardiotwin status{place}` says for whom they wait, and \
+             what to do",
+            count(summary.held, "patient")
+        ));
+    }
+    if summary.failed + summary.cancelled + summary.held + n_refused > 0 {
         return Ok(Exit::Problems);
     }
     done(&reader).await
@@ -543,6 +551,7 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
         let would = match foreseen.get(&plan.id) {
             None => "start with step 0".to_owned(),
             Some(Foreseen::Stays) => "change nothing".to_owned(),
+            Some(Foreseen::Waits) => "wait for pilots".to_owned(),
             Some(Foreseen::GoesOn(step)) => format!("continue with {step}"),
             Some(Foreseen::Redone(step)) => format!("redo {step} and all later steps"),
         };

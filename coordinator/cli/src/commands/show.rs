@@ -152,6 +152,9 @@ fn heading(record: &PatientRecord) -> String {
         text.push_str(&format!(" ({})", status.note));
     }
     text.push('\n');
+    if let Some(start) = record.start_of_the_law() {
+        text.push_str(&format!("organ's law at the start: {start}\n"));
+    }
     if let Some(step1) = &record.step1 {
         text.push_str(&format!("step 1 {step1}, cost {}\n", number(step1.cost)));
     }

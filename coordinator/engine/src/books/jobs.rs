@@ -18,6 +18,8 @@ pub struct Jobs {
     allotments: HashMap<i64, Allotment>,
     /// Reason for which nothing is submitted at present, shown with the waiting patients.
     holds: Option<String>,
+    /// Whether patients are placed in jobs, instead of tasks in workers of this machine.
+    places: bool,
     fresh: BTreeSet<String>,
     dirty: BTreeSet<String>,
     dirty_allotments: BTreeSet<i64>,
@@ -54,6 +56,16 @@ impl Jobs {
 
     pub fn set_holds(&mut self, holds: Option<String>) {
         self.holds = holds;
+    }
+
+    /// Whether patients are placed in jobs.
+    pub fn places_patients(&self) -> bool {
+        self.places
+    }
+
+    /// From now on, patients are placed in jobs.
+    pub fn place_patients(&mut self) {
+        self.places = true;
     }
 
     fn place(&mut self, row: &JobRow) {

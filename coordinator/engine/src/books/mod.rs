@@ -5,7 +5,9 @@
 mod access;
 mod job_events;
 mod jobs;
+mod pilots;
 mod rows;
+mod school;
 mod show;
 
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -33,6 +35,7 @@ use serde::Serialize;
 use super::EngineError;
 pub use jobs::Jobs;
 pub use rows::{AttemptEntry, PatientEntry, TaskEntry};
+use school::School;
 
 /// The mirror of all rows.
 #[derive(Debug)]
@@ -49,6 +52,8 @@ pub struct Books {
     outbox: Vec<(i64, Action)>,
     /// Jobs of a cluster.
     jobs: Jobs,
+    /// Patients who teach others.
+    school: School,
     by_id: HashMap<i64, usize>,
     allocation: i64,
     now_ms: i64,
@@ -120,6 +125,7 @@ impl Books {
 
     /// Mirrors the rows of the store.
     pub fn new(run_dir: &Path, loaded: Loaded, now_ms: i64) -> Result<Self, EngineError> {
+        let school = School::of(&loaded.meta);
         let mut steps = loaded.steps;
         let mut patients = Vec::with_capacity(loaded.patients.len());
         for (row, plan_row, chain) in loaded.patients {
@@ -189,6 +195,7 @@ impl Books {
                 .map(|(i, p)| (p.row.id, i))
                 .collect(),
             jobs: Jobs::new(loaded.jobs, loaded.allotments),
+            school,
             next_patient: patients.iter().map(|p| p.row.id).max().unwrap_or(0) + 1,
             next_action: loaded.outbox.iter().map(|(id, _)| *id).max().unwrap_or(0) + 1,
             outbox: loaded.outbox,
@@ -350,10 +357,14 @@ impl Books {
         if state == patient.state && actions.is_empty() {
             return Ok(()); // an observation without effect
         }
+        let has_turned = patient.state.is_final() != state.is_final();
         patient.state = state;
         let id = patient.id;
         self.log("patient", Some(id), None, &event);
         self.dirty_patients.insert(i);
+        if has_turned && self.is_pilot(i) {
+            self.touch_pupils();
+        }
         for PatientAction::Release(task) in actions {
             self.release(i, &task)?;
         }

@@ -55,11 +55,12 @@ impl Books {
                 shown.step = chain
                     .steps()
                     .last()
-                    .map_or(shown.step, |(step, _)| column(step))
+                    .map_or(shown.step, |(step, _)| column(step));
+                shown.note = self.waits_for(i).unwrap_or_default();
             }
-            Patient::Deciding { .. } => {}
+            Patient::Deciding { .. } => shown.note = self.waits_for(i).unwrap_or_default(),
             Patient::Working { step, task } => {
-                let (at_work, note) = self.at_work(patient.row.id, task);
+                let (at_work, note) = self.at_work(i, task);
                 shown.state = at_work;
                 let proposes = note.is_empty()
                     && matches!(step.stage, Stage::Step1Proposal | Stage::Step3Proposal);
@@ -107,7 +108,8 @@ impl Books {
     }
 
     /// State of a patient with a wanted task, and a note.
-    fn at_work(&self, patient_id: i64, key: &TaskKey) -> (PatientState, String) {
+    fn at_work(&self, i: usize, key: &TaskKey) -> (PatientState, String) {
+        let patient_id = self.patients[i].row.id;
         let Some(task) = self.tasks.get(key) else {
             return (PatientState::Waiting, String::new());
         };
@@ -143,6 +145,9 @@ impl Books {
                 let (next, at) = (generation + 1, clock::utc_text(task.not_before_ms));
                 let note = format!("try {next} begins at {at}, because try {generation} was lost");
                 (PatientState::Waiting, note)
+            }
+            Task::Open { .. } if self.jobs.places_patients() && self.waits_for(i).is_some() => {
+                (PatientState::Waiting, self.waits_for(i).unwrap_or_default())
             }
             Task::Open { .. } => match self.jobs.holds() {
                 Some(holds) => (PatientState::Waiting, holds.to_owned()),

@@ -158,6 +158,7 @@ impl<S: Scheduler> Cluster<S> {
         let host = cardiotwin_store::lock::host_name();
         let allocation = writer.cluster_allocation(&host, books.now_ms()).await?;
         books.set_allocation(allocation);
+        books.jobs_mut().place_patients();
         let before = writer
             .meta()
             .await?
@@ -301,11 +302,10 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Whether nothing is left to do: every selected patient is over, and no job is live.
     fn is_finished(&self) -> bool {
-        self.books
-            .patients()
-            .iter()
-            .filter(|p| p.selected)
-            .all(|p| p.row.state.is_final())
+        let patients = self.books.patients().iter().enumerate();
+        patients
+            .filter(|(_, p)| p.selected)
+            .all(|(i, p)| p.row.state.is_final() || self.books.waits_in_vain(i).unwrap_or(false))
             && self.books.jobs().rows().is_empty()
             && self.books.outbox().is_empty()
             && !self.has_lingering()
@@ -365,6 +365,7 @@ impl<S: Scheduler> Cluster<S> {
             stopped,
             cluster: true,
             wall_s: began.elapsed().as_secs_f64(),
+            held: self.books.held(),
             jobs: self
                 .books
                 .jobs()

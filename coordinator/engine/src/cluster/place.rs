@@ -171,6 +171,9 @@ pub fn wants_place(books: &Books, i: usize) -> bool {
             .is_some_and(|task| matches!(task.state, Task::Open { .. }))
     };
     patient.selected
+        // A patient who has to wait for pilots takes no place, not even for step 0: its job would
+        // end after that, and the patient would queue again.
+        && !books.awaits_pilots(i).unwrap_or(false)
         && !books.jobs().placed().contains_key(&patient.row.id)
         && present_task(books, i).is_some_and(|key| open(&key))
 }

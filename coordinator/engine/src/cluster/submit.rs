@@ -19,6 +19,7 @@ use cardiotwin_slurm::site::Site;
 use cardiotwin_store::cluster_jobs::{JobRow, JobSpec};
 use cardiotwin_store::outbox::Action;
 use cardiotwin_workflow::cluster_job::{Element, JobEvent, Submission};
+use cardiotwin_workflow::derivation::Teaching;
 use cardiotwin_workflow::task::Task;
 
 use super::{Cluster, Expectations};
@@ -255,6 +256,13 @@ impl<S: Scheduler> Cluster<S> {
                 let Some(i) = self.books.by_id(placed.patient_id) else {
                     continue;
                 };
+                let lessons = match self.books.teaching(i)? {
+                    Teaching::None => None,
+                    Teaching::Lessons(lessons) => Some(lessons.to_vec()),
+                    // The job was planned before the pilots were to teach anew, and is not wanted
+                    // any more.
+                    Teaching::Awaited(_) => continue,
+                };
                 let plan = self.books.plan(i)?;
                 for (kind, seconds) in expected.by_kind(plan) {
                     let longest: &mut f64 = expected_s.entry(kind).or_default();
@@ -263,6 +271,7 @@ impl<S: Scheduler> Cluster<S> {
                 patients.push(JobPatient {
                     plan: plan.clone(),
                     carried: self.books.patient(i).carried.clone(),
+                    lessons,
                     known: known_tasks(&self.books, i),
                 });
             }

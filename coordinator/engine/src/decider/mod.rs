@@ -1,6 +1,7 @@
 //! Decisions on the books. They read and write nothing else: what they need to know is handed in,
 //! and what they ask for is an action in the outbox.
 
+mod pilots;
 mod purged;
 mod requests;
 #[cfg(test)]

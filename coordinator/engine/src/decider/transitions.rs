@@ -1,6 +1,8 @@
 //! Decisions on the in-memory mirror: a patient's next task, the consequences of an attempt's end,
 //! the effects of a request.
 
+use std::collections::HashSet;
+
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, PatientId, TaskKey};
@@ -13,6 +15,7 @@ use cardiotwin_workflow::attempt::{Attempt, AttemptEnding, AttemptEvent};
 use cardiotwin_workflow::derivation::{self, Next};
 use cardiotwin_workflow::judge::judge;
 use cardiotwin_workflow::patient::{Patient, PatientEvent, Stage, Step};
+use cardiotwin_workflow::pilots::has_taught;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
 use super::purged::Inputs;
@@ -34,6 +37,7 @@ impl Decider {
         for i in refused.iter().filter_map(|one| books.by_name(&one.patient)) {
             present[i] = true; // It is part of the cohort, and keeps its plan until it has another.
         }
+        let mut changed = HashSet::new();
         for (position, given) in plans.iter().enumerate() {
             let position = position as i64;
             let text = || serde_json::to_string(given).expect("a plan is JSON");
@@ -58,16 +62,19 @@ impl Decider {
                 // row is overwritten.
                 let _ = books.plan(i);
                 books.set_given(i, text());
-                self.replan(
+                if self.replan(
                     books,
                     i,
                     given,
                     &overrides,
                     "inputs or settings changed",
                     false,
-                )?;
+                )? {
+                    changed.insert(&given.id);
+                }
             }
         }
+        self.choose_pilots(books, plans, refused, &changed)?;
         let mut vanished = Vec::new();
         for (i, present) in present.into_iter().enumerate() {
             if !present && books.retire(i) {
@@ -89,7 +96,7 @@ impl Decider {
     }
 
     /// Makes a patient's plan anew. If it leads to other tasks, or with `force`, the chain is
-    /// decided anew.
+    /// decided anew. Returns whether it leads to other tasks.
     pub(super) fn replan(
         &mut self,
         books: &mut Books,
@@ -98,7 +105,7 @@ impl Decider {
         overrides: &SettingsLayer,
         reason: &str,
         force: bool,
-    ) -> Result<(), EngineError> {
+    ) -> Result<bool, EngineError> {
         let plan = settings::plan(given, overrides).map_err(|error| EngineError::Request {
             message: format!("settings of {}: {error}", given.id),
         })?;
@@ -117,7 +124,7 @@ impl Decider {
                 },
             )?;
         }
-        Ok(())
+        Ok(!same)
     }
 
     /// Decides for every patient. Settled patients are skipped if this program decided last.
@@ -131,7 +138,10 @@ impl Decider {
         is_settled: impl Fn(&Books, usize) -> bool,
     ) -> Result<(), EngineError> {
         let is_the_same = program_identity::is_this_program(program);
-        for i in 0..books.patients().len() {
+        let all = 0..books.patients().len();
+        // Pilots come first, because the others learn from what is decided about them.
+        let (pilots, others): (Vec<usize>, Vec<usize>) = all.partition(|i| books.is_pilot(*i));
+        for i in pilots.into_iter().chain(others) {
             if !(is_the_same && is_settled(books, i)) {
                 self.decide(books, i)?;
             }
@@ -185,10 +195,14 @@ impl Decider {
         {
             return Ok(true);
         }
+        if books.awaits_pilots(i)? {
+            books.gather_lessons()?;
+        }
         let evaluation = loop {
-            let patient = books.patient(i);
+            let (plan, carried) = (books.plan(i)?, &books.patient(i).carried);
+            let teaching = books.teaching(i)?;
             let evaluation =
-                derivation::evaluate(books.plan(i)?, &patient.carried, &|key| books.settled(key));
+                derivation::evaluate(plan, carried, &teaching, &|key| books.settled(key));
             match self.open_purged(books, i, &evaluation.next)? {
                 Inputs::Settled => break evaluation,
                 // Each pass reopens published tasks, each at most once, so the loop ends.
@@ -236,11 +250,16 @@ impl Decider {
                 }
                 wait_for(books, i, &key);
             }
+            // The patient keeps its place in the chain; the end of the last pilot decides anew.
+            Next::Waits { .. } => books.touch(i),
             Next::Finished => self.end(books, i, PatientEvent::Finish, PatientEnding::Done)?,
             Next::Failed { step, failure } => {
                 let ending = PatientEnding::Failed(failure.clone());
                 self.end(books, i, PatientEvent::Fail { step, failure }, ending)?;
             }
+        }
+        if books.is_pilot(i) && has_taught(&books.patient(i).row.state) {
+            self.teach(books)?;
         }
         Ok(true)
     }
@@ -278,6 +297,10 @@ impl Decider {
             _ => false,
         };
         if !fits {
+            if books.is_pilot(i) {
+                // Its beats may be others now.
+                self.forget_lessons(books)?;
+            }
             self.reopen(books, i);
             books.patient_event(
                 i,
@@ -499,6 +522,7 @@ fn note(books: &Books, i: usize, step: Step) -> String {
         Stage::Verification => chain
             .verification_cost
             .map_or_else(String::new, |cost| format!("cost {cost:.3}")),
+        Stage::LearnLaw => "law learned from pilots".to_owned(),
         Stage::Step2Organ => "cell fitted in the organ's law".to_owned(),
         Stage::Step3 => match chain
             .step3_iterations

@@ -6,7 +6,7 @@ use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_workflow::attempt::AttemptEnding;
-use cardiotwin_workflow::derivation::{self, Next};
+use cardiotwin_workflow::derivation::{self, Next, Teaching};
 use cardiotwin_workflow::judge::judge;
 
 use super::{Errand, Existing, InJobLoop, Sight, Wanted};
@@ -101,8 +101,14 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     /// Goes on with a patient: asks for its next attempt, or leaves it.
     fn walk(&mut self, patient: usize) {
         let of = &self.order.patients[patient];
-        let next =
-            derivation::evaluate(&of.plan, &of.carried, &|key| self.ledger.settled(key)).next;
+        let teaching = match &of.lessons {
+            Some(lessons) => Teaching::Lessons(lessons),
+            None => Teaching::None,
+        };
+        let next = derivation::evaluate(&of.plan, &of.carried, &teaching, &|key| {
+            self.ledger.settled(key)
+        })
+        .next;
         let Next::Run { key, spec, .. } = next else {
             return;
         };

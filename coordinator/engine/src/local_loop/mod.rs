@@ -156,6 +156,7 @@ impl<E: Executor> LocalLoop<E> {
             published: self.decider.published(),
             stopped: self.seen_stop > StopLevel::Run,
             wall_s: wall.as_secs_f64(),
+            held: self.books.held(),
             ..RunSummary::default()
         };
         summary.count(self.books.selected_states());

@@ -3,6 +3,7 @@
 
 pub(super) mod another_build;
 mod lost_workers;
+pub(super) mod pilots;
 pub(super) mod scripted;
 
 use std::path::Path;
@@ -15,7 +16,7 @@ use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::{PatientRecord, Step1Quality, Step3Ending};
-use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, LastStep, Update};
+use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, LastStep, Surrogate, Update};
 use cardiotwin_schemas::sweep::{CellDesign, SweptParameter};
 use cardiotwin_schemas::task::{CellSweepSpec, TaskSpec};
 use serde_json::json;
@@ -28,6 +29,8 @@ pub(super) struct Bench {
     script: Arc<Mutex<Script>>,
     patients: Vec<ResolvedPatient>,
     clock: clock::Clock,
+    /// Points at which the coordinator dies.
+    crash: crash::CrashPoints,
 }
 
 pub(super) fn personalised(id: &str, edp_mmhg: f64) -> ResolvedPatient {
@@ -47,6 +50,7 @@ impl Bench {
             script: Arc::default(),
             patients,
             clock: clock::Clock::Wall,
+            crash: crash::CrashPoints::default(),
         }
     }
 
@@ -122,7 +126,7 @@ impl Bench {
         let executor = Scripted::new(&self.script);
         let surroundings = Surroundings {
             clock: self.clock.clone(),
-            ..Surroundings::of_this_process()
+            crash: self.crash.clone(),
         };
         drive(
             options,

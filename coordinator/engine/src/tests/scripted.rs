@@ -15,17 +15,18 @@ use cardiotwin_schemas::organ::{
     ActivationSpec, CirculationSpec, ContractionSpec, OneFibrePassive, OrganSpec, Step1Parameters,
     WindkesselParameters,
 };
+use cardiotwin_schemas::organ_law::{LawSamples, LawTeacher};
 use cardiotwin_schemas::outcome::{
     Artefact, CellFitResult, CellSweepResult, Check, Determination, Ending, FittedParameter,
-    OrganBeatResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult, TargetsResult,
-    TaskOutcome, TaskResult,
+    LearnLawResult, OrganBeatResult, PassiveStateResult, Step1ProposalResult, Step3ProposalResult,
+    TargetsResult, TaskOutcome, TaskResult,
 };
 use cardiotwin_schemas::posterior::{
     Band, Deviations, ParameterSpread, PosteriorResult, PosteriorSpec, Sampling, Spread,
     USUAL_NOISE,
 };
 use cardiotwin_schemas::provenance::Provenance;
-use cardiotwin_schemas::task::{InputFile, TaskSpec};
+use cardiotwin_schemas::task::{AttemptSpec, InputFile, OrganBeatSpec, TaskSpec};
 
 use crate::dispatch::{DispatchError, Evidence, Executor, Found, News, Order};
 
@@ -56,6 +57,10 @@ pub struct Script {
     /// Number of nodes of the finite-element ventricle that step 0 makes; `None` makes a reduced
     /// ventricle.
     pub nodes: Option<u64>,
+    /// Step 0 of the patient with this end-diastolic pressure \[mmHg\] fails with this class.
+    pub fails_step0: Option<(f64, FailureClass)>,
+    /// Number of tasks that run at once; 2 if it is absent.
+    pub workers: Option<usize>,
 }
 
 #[derive(Debug, Default)]
@@ -144,7 +149,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
     })
 }
 
-fn finite_element(nodes: u64) -> FiniteElementOrgan {
+fn finite_element(nodes: u64, edp_mmhg: f64) -> FiniteElementOrgan {
     let figures = VentricleFigures {
         nodes,
         elements: 5 * nodes,
@@ -155,7 +160,7 @@ fn finite_element(nodes: u64) -> FiniteElementOrgan {
         image_pressure_mmhg: 6.0,
         unloaded_volume_ml: 50.0,
         end_diastolic_volume_ml: 120.0,
-        end_diastolic_pressure_mmhg: 8.0,
+        end_diastolic_pressure_mmhg: edp_mmhg,
         stiffness_kpa: 0.5,
         exponent_factor: 1.0,
         onset_ms: 5.0,
@@ -195,6 +200,44 @@ fn beat(biomarkers: Biomarkers, opened: bool) -> TaskResult {
     })
 }
 
+/// The beat with samples for the organ's law, if the organ is in 3D.
+fn with_samples(beat: TaskResult, spec: &OrganBeatSpec) -> TaskResult {
+    match (beat, &spec.organ) {
+        (TaskResult::OrganBeat(beat), OrganSpec::FiniteElement(_)) => {
+            let pressure_mmhg = beat.biomarkers.p_max_mmhg.into_iter().collect();
+            TaskResult::OrganBeat(OrganBeatResult {
+                law: Some(LawSamples {
+                    pressure_mmhg,
+                    ..LawSamples::default()
+                }),
+                ..beat
+            })
+        }
+        (beat, _) => beat,
+    }
+}
+
+/// The file that a task leaves, with its content.
+pub fn artefact(spec: &AttemptSpec) -> (Artefact, String) {
+    let (name, file, text) = match &spec.task {
+        TaskSpec::LearnLaw(task) => {
+            let text = serde_json::to_string(&task.lessons).unwrap();
+            ("law", "law.json", text)
+        }
+        _ => {
+            let traces = format!("traces of {}", spec.attempt.task);
+            ("nodal", "nodal.csv", traces)
+        }
+    };
+    let artefact = Artefact {
+        name: name.into(),
+        file: file.into(),
+        sha256: sha256_hex(text.as_bytes()),
+        bytes: text.len() as u64,
+    };
+    (artefact, text)
+}
+
 fn fitted(name: &str, value: f64, lower: f64, upper: f64) -> FittedParameter {
     FittedParameter {
         name: name.into(),
@@ -214,53 +257,75 @@ impl Script {
         }
         let result = match task {
             TaskSpec::PassiveState(spec) => {
-                let mut state = passive_state(spec.end_diastolic_pressure_mmhg.unwrap_or(8.0));
+                let edp_mmhg = spec.end_diastolic_pressure_mmhg;
+                if let Some((_, class)) = self.fails_step0.filter(|f| Some(f.0) == edp_mmhg) {
+                    return Ending::Failed {
+                        failure: Failure::new(class, "step 0 fails as the test asks"),
+                    };
+                }
+                let edp_mmhg = edp_mmhg.unwrap_or(8.0);
+                let mut state = passive_state(edp_mmhg);
                 if let (TaskResult::PassiveState(state), Some(nodes)) = (&mut state, self.nodes) {
-                    state.organ = OrganSpec::FiniteElement(Box::new(finite_element(nodes)));
+                    state.organ =
+                        OrganSpec::FiniteElement(Box::new(finite_element(nodes, edp_mmhg)));
                 }
                 state
             }
-            TaskSpec::OrganBeat(spec) => match &spec.contraction {
-                ContractionSpec::Tanh { parameters } => {
-                    if self
-                        .diverges_above_kpa
-                        .is_some_and(|limit| parameters.smax_ref_kpa > limit)
-                    {
-                        return Ending::Diverged {
-                            last_good_ms: 212.0,
-                            reason: "Newton did not converge".into(),
-                        };
+            TaskSpec::OrganBeat(spec) => with_samples(
+                match &spec.contraction {
+                    ContractionSpec::Tanh { parameters } => {
+                        if self
+                            .diverges_above_kpa
+                            .is_some_and(|limit| parameters.smax_ref_kpa > limit)
+                        {
+                            return Ending::Diverged {
+                                last_good_ms: 212.0,
+                                reason: "Newton did not converge".into(),
+                            };
+                        }
+                        let opened = self
+                            .shut_below_kpa
+                            .is_none_or(|limit| parameters.smax_ref_kpa >= limit);
+                        beat(
+                            answer(
+                                Step1Parameters {
+                                    tanh: *parameters,
+                                    valves: spec.valves,
+                                }
+                                .updated(),
+                            ),
+                            opened,
+                        )
                     }
-                    let opened = self
-                        .shut_below_kpa
-                        .is_none_or(|limit| parameters.smax_ref_kpa >= limit);
-                    beat(
-                        answer(
-                            Step1Parameters {
-                                tanh: *parameters,
-                                valves: spec.valves,
-                            }
-                            .updated(),
-                        ),
-                        opened,
-                    )
-                }
-                ContractionSpec::Catalogue { name, .. } => {
-                    unreachable!("no workflow plans a beat with {name}")
-                }
-                ContractionSpec::Land2017Rice { .. } | ContractionSpec::Land2017Trace { .. } => {
-                    let is_of_step3 = spec
-                        .contraction
-                        .cell_parameters()
-                        .is_some_and(|p| p.contains_key("A_eff"));
-                    let factor = if self.fitted_cell_is_off && !is_of_step3 {
-                        1.5
-                    } else {
-                        1.001
-                    };
-                    beat(answer(TRUTH.map(|p| p * factor)), !self.fitted_cell_is_shut)
-                }
-            },
+                    ContractionSpec::Catalogue { name, .. } => {
+                        unreachable!("no workflow plans a beat with {name}")
+                    }
+                    ContractionSpec::Land2017Rice { .. }
+                    | ContractionSpec::Land2017Trace { .. } => {
+                        let is_of_step3 = spec
+                            .contraction
+                            .cell_parameters()
+                            .is_some_and(|p| p.contains_key("A_eff"));
+                        let factor = if self.fitted_cell_is_off && !is_of_step3 {
+                            1.5
+                        } else {
+                            1.001
+                        };
+                        beat(answer(TRUTH.map(|p| p * factor)), !self.fitted_cell_is_shut)
+                    }
+                },
+                spec,
+            ),
+            TaskSpec::LearnLaw(spec) => TaskResult::LearnLaw(LearnLawResult {
+                organs: (spec.lessons.iter())
+                    .map(|lesson| LawTeacher {
+                        patient: lesson.patient.clone(),
+                        beats: lesson.beats.iter().map(|b| b.task.to_string()).collect(),
+                        pressure_error_before_mmhg: 1.0,
+                        pressure_error_after_mmhg: 0.75,
+                    })
+                    .collect(),
+            }),
             TaskSpec::Step1Proposal(spec) => {
                 // The first proposal is a rough guess; each further one halves the remaining
                 // logarithmic error.
@@ -381,7 +446,8 @@ impl Executor for Scripted {
     }
 
     fn free(&self) -> usize {
-        2usize.saturating_sub(self.running.len())
+        let workers = self.script.lock().unwrap().workers.unwrap_or(2);
+        workers.saturating_sub(self.running.len())
     }
 
     async fn submit(&mut self, order: Order) -> Result<ExternalId, DispatchError> {
@@ -411,18 +477,13 @@ impl Executor for Scripted {
                 reason: "the worker was killed by signal 9".into(),
             }
         } else {
-            let traces = format!("traces of {}", attempt.task);
-            let nodal = Artefact {
-                name: "nodal".into(),
-                file: "nodal.csv".into(),
-                sha256: sha256_hex(traces.as_bytes()),
-                bytes: traces.len() as u64,
-            };
+            let (made, content) = artefact(&order.spec);
+            let file = made.file.clone();
             let outcome = TaskOutcome {
                 schema_version: formats::OUTCOME.version,
                 attempt: attempt.clone(),
                 ending: script.ending(&order.spec.task),
-                artefacts: vec![nodal],
+                artefacts: vec![made],
                 provenance: Provenance::default(),
                 sha256: None,
             };
@@ -430,10 +491,10 @@ impl Executor for Scripted {
             // A published file must exist: a missing one counts as purged and is made again.
             let directory = &order.directory;
             std::fs::create_dir_all(directory).unwrap();
-            std::fs::write(directory.join("nodal.csv"), &traces).unwrap();
+            std::fs::write(directory.join(&file), &content).unwrap();
             if script.leaves_files {
                 let own = [
-                    ("nodal.csv", &*traces),
+                    (&*file, &*content),
                     ("outcome.json", &text),
                     ("vtu/beat.pvd", "<VTKFile/>"),
                 ];

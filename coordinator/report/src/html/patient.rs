@@ -103,6 +103,9 @@ fn summary(patient: &PatientRecord) -> Markup {
                 None if patient.iterations.is_empty() => { "Step 1 has not started. " }
                 None => { "Step 1 has not finished. " }
             }
+            @if let Some(start) = patient.start_of_the_law() {
+                "Organ's law at the start: " (start) ". "
+            }
             @if let Some(fit) = &patient.cell_fit {
                 "Step 2 " (if fit.result.converged { "converged" } else { "ended without convergence" })
                 " after " (fit.result.evaluations) " cell evaluations in " (fit.result.generations) " generations (cost " (significant(fit.result.cost, 3))

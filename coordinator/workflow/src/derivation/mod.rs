@@ -5,6 +5,7 @@
 //! found by its key. A changed input or setting leads to another key and hence to other tasks, from
 //! that point of the chain on and not before. A resumed run is the same derivation.
 
+mod law;
 mod step1;
 mod step2;
 mod step3;
@@ -13,16 +14,16 @@ use std::borrow::Cow;
 use std::path::PathBuf;
 
 use cardiotwin_schemas::failure::{Failure, FailureClass};
-use cardiotwin_schemas::ids::TaskKey;
+use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::organ::{
     BeatCount, ContractionSpec, OrganSpec, Step1Parameters, ValveParameters,
 };
-use cardiotwin_schemas::organ_law::LawSamples;
+use cardiotwin_schemas::organ_law::{LawLesson, LawSamples};
 use cardiotwin_schemas::outcome::{Artefact, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::record::Step1Summary;
 use cardiotwin_schemas::settings::LastStep;
-use cardiotwin_schemas::task::{CellInOrgan, NoopSpec, Step1Beat, TaskSpec};
+use cardiotwin_schemas::task::{CellInOrgan, InputFile, NoopSpec, Step1Beat, TaskSpec};
 
 use crate::cell_fit;
 use crate::chain::Chain;
@@ -46,6 +47,17 @@ pub enum Settled<'a> {
     Failed(&'a Failure),
 }
 
+/// What a patient learns from pilots.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Teaching<'a> {
+    /// The patient learns from nobody: it is a pilot, or there are none.
+    None,
+    /// The patient waits for these pilots.
+    Awaited(Vec<PatientId>),
+    /// All pilots have ended, and this is what they teach.
+    Lessons(&'a [LawLesson]),
+}
+
 /// Next event of a chain.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Next {
@@ -57,6 +69,13 @@ pub enum Next {
         key: TaskKey,
         /// Specification of the task.
         spec: Box<TaskSpec>,
+    },
+    /// The patient waits for pilots of the cohort, without a task of its own.
+    Waits {
+        /// Step that needs what the pilots teach.
+        step: Step,
+        /// Pilots that have not ended.
+        pilots: Vec<PatientId>,
     },
     /// Nothing is left to do.
     Finished,
@@ -81,11 +100,13 @@ pub struct Evaluation {
 /// Derives a patient's chain.
 ///
 /// - `carried`: parameters of step 1 that were simulated under earlier settings, oldest first
+/// - `teaching`: what the patient learns from pilots
 /// - `settled`: finds a settled task by its key
 #[must_use]
 pub fn evaluate<'a>(
     plan: &ResolvedPatient,
     carried: &[Step1Parameters],
+    teaching: &Teaching<'_>,
     settled: &dyn Fn(&TaskKey) -> Option<Settled<'a>>,
 ) -> Evaluation {
     let mut derivation = Derivation {
@@ -95,7 +116,21 @@ pub fn evaluate<'a>(
         chain: Chain::default(),
     };
     let next = match &plan.workflow {
-        Workflow::Personalise => derivation.personalise(),
+        Workflow::Personalise => derivation.beginning(teaching).and_then(|(step0, law)| {
+            // From here on the law that pilots taught is in the place of `workflow.law`.
+            let taught = law.map(|law| ResolvedPatient {
+                law: Some(law),
+                ..plan.clone()
+            });
+            let mut rest = Derivation {
+                plan: taught.as_ref().unwrap_or(plan),
+                chain: std::mem::take(&mut derivation.chain),
+                ..derivation
+            };
+            let ended = rest.personalise(&step0);
+            derivation.chain = rest.chain;
+            ended
+        }),
         Workflow::Noop { sleep_ms } => derivation.noops(*sleep_ms),
         Workflow::Task { task } => derivation.one_task(task),
     };
@@ -163,9 +198,18 @@ impl<'a> Derivation<'a, '_> {
         Ok(())
     }
 
-    fn personalise(&mut self) -> Derived<()> {
+    /// Step 0, and the law that pilots taught; no law if the patient learns from nobody.
+    fn beginning(
+        &mut self,
+        teaching: &Teaching<'_>,
+    ) -> Derived<(Cow<'a, PassiveStateResult>, Option<InputFile>)> {
         let step0 = self.step0()?;
-        let Step1Ended { best, summary, law } = self.step1(&step0)?;
+        let law = self.taught_law(teaching)?;
+        Ok((step0, law))
+    }
+
+    fn personalise(&mut self, step0: &PassiveStateResult) -> Derived<()> {
+        let Step1Ended { best, summary, law } = self.step1(step0)?;
         let parameters = summary.parameters;
         self.chain.step1 = Some(summary);
         let (targets, calcium) = self.targets(&best)?;
@@ -180,15 +224,15 @@ impl<'a> Derivation<'a, '_> {
         if self.plan.settings.verification.enabled {
             let contraction = cell_fit::contraction(self.plan, fit, calcium);
             let cell = CellInOrgan {
-                beat: self.cell_beat(&step0, contraction, parameters.valves),
+                beat: self.cell_beat(step0, contraction, parameters.valves),
                 step1: Some(of_step1),
                 law,
             };
-            let cell = self.fitted_in_the_organ(&step0, cell)?;
-            let verified = self.verification(&step0, &cell.beat)?;
+            let cell = self.fitted_in_the_organ(step0, cell)?;
+            let verified = self.verification(step0, &cell.beat)?;
             if self.plan.settings.workflow.until == LastStep::Step3 {
-                let twin = self.step3(&step0, &cell, verified)?;
-                self.posterior(&step0, &cell, twin)?;
+                let twin = self.step3(step0, &cell, verified)?;
+                self.posterior(step0, &cell, twin)?;
             }
         }
         Ok(())

@@ -140,7 +140,7 @@ pub(crate) fn surrogate(
     let figures = &organ.figures;
     reduced.passive = law_wall(figures)?;
     reduced.activation.onset_ms += ACTIVATION_DELAY * figures.spread_ms;
-    let beats = learnable_beats(&beat.cell_stretch, beats);
+    let beats = learnable_beats(&beat.cell_stretch, beats.iter());
     let law = fit_law(
         &reduced.passive,
         &features(figures),
@@ -168,14 +168,13 @@ pub(crate) fn features(figures: &VentricleFigures) -> OrganFeatures {
 /// Beats for the fit of a law.
 pub(crate) fn learnable_beats<'a>(
     stretch: &CellStretch,
-    beats: &'a [LawSamples],
+    beats: impl Iterator<Item = &'a LawSamples>,
 ) -> Vec<LawBeat<'a>> {
     let slack = match stretch.origin {
         StretchOrigin::Unloaded => Some(stretch.slack_stretch),
         StretchOrigin::EndDiastole => None,
     };
     beats
-        .iter()
         .map(|beat| LawBeat {
             volume_ml: &beat.volume_ml,
             pressure_mmhg: &beat.pressure_mmhg,
@@ -189,7 +188,7 @@ pub(crate) fn learnable_beats<'a>(
 }
 
 /// The law before an organ's first beat, from its file or as shipped.
-fn prior_of(file: Option<&InputFile>) -> Result<LawPrior, TaskError> {
+pub(crate) fn prior_of(file: Option<&InputFile>) -> Result<LawPrior, TaskError> {
     let Some(file) = file else {
         return Ok(shipped_prior());
     };

@@ -1,6 +1,6 @@
 //! Changes of settings and files since the run took the patient up, which the next run would apply.
 
-use cardiotwin_engine::{self as engine, Foreseen, LeafChange};
+use cardiotwin_engine::{self as engine, Foreseen, LeafChange, Stage, Step};
 use cardiotwin_input::Patient;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
@@ -65,6 +65,8 @@ impl Pending {
         let foreseen = engine::foresee(&folders.run, plans).await?;
         let redone_from = match foreseen.get(&PatientId(patient.id.clone())) {
             Some(Foreseen::Redone(step) | Foreseen::GoesOn(step)) => Some(step.to_string()),
+            // The patient goes on when the pilots have ended.
+            Some(Foreseen::Waits) => Some(Step::only(Stage::LearnLaw).to_string()),
             Some(Foreseen::Stays) | None => None,
         };
         Ok(Some(Self {

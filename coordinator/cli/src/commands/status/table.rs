@@ -1,7 +1,7 @@
 //! Words of the status: the table, its rows, and the counts below it.
 
 use cardiotwin_schemas::status::{
-    ClusterStatus, JobState, PatientState, PatientStatus, RefusedPatient, Status,
+    ClusterStatus, JobState, LearnedStatus, PatientState, PatientStatus, RefusedPatient, Status,
 };
 
 use crate::table::{Columns, duration, optional};
@@ -39,6 +39,7 @@ pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String
         ));
     }
     text.push_str(&counted(status));
+    text.push_str(&status.learned.as_ref().map(learned).unwrap_or_default());
     text.push_str(&status.cluster.as_ref().map(of_cluster).unwrap_or_default());
     text
 }
@@ -67,6 +68,15 @@ pub fn counted(status: &Status) -> String {
     format!(
         "{}: {counts}; {coordinator}; as of {}\n",
         status.cohort, status.as_of
+    )
+}
+
+/// What pilots taught.
+pub fn learned(learned: &LearnedStatus) -> String {
+    format!(
+        "the law of further patients is learned from {}: {}\n",
+        learned.organs.join(", "),
+        learned.words
     )
 }
 

@@ -74,6 +74,7 @@ pub(super) fn status() -> Status {
             },
         ],
         refused: Vec::new(),
+        learned: None,
         cluster: None,
     }
 }

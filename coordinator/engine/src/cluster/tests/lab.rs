@@ -9,9 +9,8 @@ use std::sync::{Arc, Mutex};
 use cardiotwin_protocol::closing::{self, Closing, PreparedOutcome, Winner};
 use cardiotwin_protocol::{claim, names};
 use cardiotwin_schemas::formats;
-use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{AttemptId, ExternalId};
-use cardiotwin_schemas::outcome::{Artefact, TaskOutcome};
+use cardiotwin_schemas::outcome::TaskOutcome;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, SlurmSettings};
@@ -25,7 +24,7 @@ use crate::crash::CrashPoints;
 use crate::dispatch::{self, DispatchError, Executor, Found, News, Order};
 use crate::in_job_loop::{DriverPlace, drive_job};
 use crate::surroundings::Surroundings;
-use crate::tests::scripted::Script;
+use crate::tests::scripted::{Script, artefact};
 use crate::{
     EngineError, EventRecord, Reader, RunOptions, RunSummary, StopSignal, enter_with_lease, tick,
 };
@@ -99,19 +98,13 @@ impl Executor for OnDisk {
         if self.dies == Some((self.begun - 1, true)) {
             return Err(died(&order.directory)); // claimed, without an outcome
         }
-        let traces = format!("traces of {}", attempt.task);
-        fs::write(order.directory.join("nodal.csv"), &traces).unwrap();
-        let nodal = Artefact {
-            name: "nodal".into(),
-            file: "nodal.csv".into(),
-            sha256: sha256_hex(traces.as_bytes()),
-            bytes: traces.len() as u64,
-        };
+        let (made, content) = artefact(&order.spec);
+        fs::write(order.directory.join(&made.file), &content).unwrap();
         let outcome = TaskOutcome {
             schema_version: formats::OUTCOME.version,
             attempt: attempt.clone(),
             ending: self.script.lock().unwrap().ending(&order.spec.task),
-            artefacts: vec![nodal],
+            artefacts: vec![made],
             provenance: Provenance::default(),
             sha256: None,
         };

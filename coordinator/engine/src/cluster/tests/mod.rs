@@ -7,6 +7,7 @@ mod cancelled;
 mod crashes;
 mod faults;
 mod lab;
+mod pilots;
 mod revoked;
 
 use std::collections::BTreeMap;
