@@ -62,6 +62,9 @@ pub struct PatientRecord {
     pub targets: Option<TaskRecord<TargetsResult>>,
     /// Result of step 2.
     pub cell_fit: Option<TaskRecord<CellFitResult>>,
+    /// The cell fitted in the organ's law.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub organ_fit: Option<TaskRecord<Step3ProposalResult>>,
     /// Result of the verification beat.
     pub verification: Option<TaskRecord<OrganBeatResult>>,
     /// Cost of the verification beat by the formula of step 1.

@@ -183,6 +183,10 @@ pub(super) fn patient(
             TaskResult::CellFit(r) => Some(r.clone()),
             _ => None,
         }),
+        organ_fit: find(settled, chain.organ_fit.as_ref(), |result| match result {
+            TaskResult::Step3Proposal(r) => Some(r.clone()),
+            _ => None,
+        }),
         verification: find(settled, chain.verification.as_ref(), organ_beat),
         verification_cost: chain.verification_cost,
         verdict: chain.verdict.clone(),

@@ -283,6 +283,7 @@ impl Script {
                     step: None,
                     correction: Default::default(),
                     law_beats: None,
+                    learned_law: None,
                     reduced_beats: 100,
                 })
             }
@@ -303,6 +304,7 @@ impl Script {
                     step: None,
                     correction: Default::default(),
                     law_beats: None,
+                    learned_law: None,
                     reduced_beats: 100,
                 })
             }
@@ -524,5 +526,6 @@ fn posterior(spec: &PosteriorSpec) -> PosteriorResult {
             left_over_expected: 1.0,
             evaluations: 1,
         },
+        learned_law: None,
     }
 }
