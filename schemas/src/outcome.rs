@@ -11,7 +11,7 @@ use crate::failure::Failure;
 use crate::ids::AttemptId;
 use crate::motion::MotionMeasures;
 use crate::organ::Step1Parameters;
-use crate::organ_law::{LawSamples, LawTeacher};
+use crate::organ_law::{LawSamples, LawTeacher, LearnedLaw};
 use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
 use crate::samples::BeatSamples;
@@ -254,6 +254,10 @@ pub struct ProposalResult<P> {
     /// made the proposal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law_beats: Option<u32>,
+    /// The organ's law; absent if the one-fibre ventricle made the proposal, and in results of earlier
+    /// programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learned_law: Option<LearnedLaw>,
     /// Number of beats of the reduced ventricle that were computed.
     pub reduced_beats: u64,
 }

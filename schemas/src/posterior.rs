@@ -10,7 +10,7 @@ use crate::biomarkers::Biomarkers;
 use crate::determination::Determination;
 use crate::input_file::InputFile;
 use crate::organ_beat::OrganBeatSpec;
-use crate::organ_law::LawSamples;
+use crate::organ_law::{LawSamples, LearnedLaw};
 use crate::patient::Noise;
 use crate::samples::{BeatSamples, N_SAMPLES};
 use crate::step3::MovedParameter;
@@ -235,6 +235,10 @@ pub struct PosteriorResult {
     pub deviations: Deviations,
     /// Effort and reliability of the draws.
     pub sampling: Sampling,
+    /// The organ's law; absent if the draws are in the one-fibre ventricle, and in results of earlier
+    /// programs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learned_law: Option<LearnedLaw>,
 }
 
 impl PosteriorResult {

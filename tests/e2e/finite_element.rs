@@ -53,6 +53,8 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
     for part in [
         "passive.exponent_factor",
         "organ's law of the prior",
+        "organ's law: learned from ",
+        "(start: the program's law of 12 hearts)",
         "verification",
         "MOTION",
         "Hu et al. 2013",
@@ -105,6 +107,7 @@ fn a_patient_is_personalised_in_3d_and_nothing_is_done_twice() {
     cohort.call(&["report"]).expect(0);
     let page = std::fs::read_to_string(cohort.run_dir().join("report.html")).expect("a report");
     assert_eq!(page.matches("<svg class=\"heart\"").count(), 4);
+    assert!(page.contains("data-name=\"law at 40 kPa\""));
     assert!(page.contains("cavity shortening") && page.contains("against the normal range"));
     let picture = cohort.path().join("spread.svg");
     cohort
@@ -164,6 +167,34 @@ fn best_of_step3(patient: &Value) -> &Value {
         .expect("the best beat")["run"]
 }
 
+/// The law's error in `show` is that of its pressures at the samples of step 1's beats.
+fn the_law_is_told(cohort: &Cohort, patient: &Value) {
+    let fit = &patient["organ_fit"]["result"]["learned_law"]["beats"][0];
+    let numbers = |list: &Value| -> Vec<f64> {
+        let values = list.as_array().expect("samples").iter();
+        values
+            .map(|value| value.as_f64().expect("a number"))
+            .collect()
+    };
+    let samples = &patient["iterations"][0]["run"]["result"]["law"]["pressure_mmHg"];
+    let (law, beat) = (numbers(&fit["law_pressure_mmHg"]), numbers(samples));
+    assert_eq!((law.len(), beat.len()), (80, 80));
+    let squares = law
+        .iter()
+        .zip(&beat)
+        .map(|(law, beat)| (law - beat).powi(2));
+    let rms = (squares.sum::<f64>() / 80.0).sqrt();
+    let told = fit["after"]["rms_mmHg"].as_f64().expect("an error");
+    assert!((told - rms).abs() < 1e-6 && rms < 1.5, "{told} {rms}");
+    let shown = cohort.call(&["show", "01-CoA"]).expect(0).out;
+    for part in [
+        "(start: the program's law of 12 hearts); rms error ",
+        "  before step 1, iteration 1: rms error ",
+    ] {
+        assert!(shown.contains(part), "{part:?} is not in\n{shown}");
+    }
+}
+
 /// Guards the accuracy of the twin: the program's defaults, on a mesh that is coarse enough to run
 /// with every commit.
 #[test]
@@ -209,6 +240,7 @@ fn the_twins_of_two_patients_hold_in_3d() {
     );
     hold("step 3", best_of_step3, [2.0, 8.0, 12.0, 1.5, 2.0]);
     assert!(missed.is_empty(), "{missed:#?}\n{}", said.out);
+    the_law_is_told(&cohort, &patients[0]);
     // Other programs get step 3's cell.
     cohort.call(&["export", "--opencarp"]).expect(0);
     let cell = &patients[0]["step3"]["parameters"]["n_Tm"]

@@ -623,6 +623,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             verification,
         )),
         verification_cost: Some(cost(&printed.step2, &printed.clinical)),
+        organ_fit: None,
         step3_iterations: vec![],
         step3: None,
         posterior: None,

@@ -14,7 +14,7 @@ use cardiotwin_schemas::record::{BeforeEffects, PatientRecord, RunRecord, TaskRe
 use cardiotwin_schemas::task::InputFile;
 
 use crate::browser::Browser;
-use crate::{assert_self_contained, fixture, html, words};
+use crate::{assert_self_contained, fixture, html, organ_law, words};
 
 /// Largest size of a patient's four pictures, bytes. Measured: 129 kB.
 const BYTES: usize = 150_000;
@@ -168,6 +168,8 @@ pub fn run(root: &Path) -> RunRecord {
     };
     make_3d(shown, true);
     make_3d(old, false);
+    organ_law::teach(shown);
+    organ_law::propose(old, None);
     shown.plan.effects = vec![EffectSpec {
         name: "atrial_kick".into(),
         parameters: BTreeMap::new(),

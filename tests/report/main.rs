@@ -6,6 +6,7 @@ mod export;
 mod fixture;
 mod in_3d;
 mod interactive;
+mod organ_law;
 mod traces;
 
 use std::path::{Path, PathBuf};

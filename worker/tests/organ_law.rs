@@ -158,13 +158,20 @@ fn the_law_of_one_beat_predicts_another_one_and_is_proposed_in() {
             seed: 1,
         };
         match result(TaskSpec::Step1Proposal(Box::new(spec)), folder.path()) {
-            TaskResult::Step1Proposal(proposal) => proposal.parameters,
+            TaskResult::Step1Proposal(proposal) => (proposal.parameters, proposal.learned_law),
             other => panic!("{other:?}"),
         }
     };
     let (without, of_prior) = (proposal(None), proposal(Some(Vec::new())));
     let learned = proposal(Some(vec![known.clone()]));
-    assert!(without != of_prior && of_prior != learned);
+    assert!(without.0 != of_prior.0 && of_prior.0 != learned.0);
+    assert!(without.1.is_none(), "a spring has no law");
+    assert_eq!(of_prior.1.expect("a law").beats.len(), 0);
+    let drawn = learned.1.as_ref().expect("a law");
+    let fit = &drawn.beats[0];
+    assert_eq!(fit.pressure_mmhg, known.pressure_mmhg);
+    println!("before {:?}, after {:?}", fit.before, fit.after);
+    assert!(fit.after.rms_mmhg < 1.0 && fit.after.rms_mmhg < fit.before.rms_mmhg);
     assert_eq!(
         learned,
         proposal(Some(vec![known])),

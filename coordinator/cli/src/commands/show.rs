@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_report::export::PatientTables;
 use cardiotwin_report::html::{patient_page, spread_svg};
-use cardiotwin_report::results::{PatientView, SpreadFile, Step};
+use cardiotwin_report::results::{PatientView, SpreadFile, Step, learned_law, teachers};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::motion::{Against, MOTION};
 use cardiotwin_schemas::organ::BeatCount;
+use cardiotwin_schemas::organ_law::LawError;
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
 use cardiotwin_schemas::settings::Update;
@@ -90,6 +91,7 @@ pub fn text_of(record: &PatientRecord, talk: &Talk) -> String {
         motion(record, talk),
         iterations(record, talk),
         step3(record, talk),
+        organ_law(record),
         posterior(record, talk),
         cell(record, talk),
         estimates(record, talk),
@@ -523,6 +525,27 @@ fn step3(record: &PatientRecord, talk: &Talk) -> String {
     );
     table.row(row);
     table.text()
+}
+
+/// Where the organ's law comes from, and how far it is from the beats that taught.
+fn organ_law(record: &PatientRecord) -> String {
+    let Some(law) = learned_law(record) else {
+        return String::new();
+    };
+    let error = |error: LawError| {
+        format!(
+            "rms error {:.2} mmHg, worst {:.2} mmHg",
+            error.rms_mmhg, error.worst_mmhg
+        )
+    };
+    let of_all = law
+        .error()
+        .map_or_else(String::new, |of_all| format!("; {}", error(of_all)));
+    let mut text = format!("organ's law: {}{of_all}\n", law.origin_words());
+    for (beat, teacher) in law.beats.iter().zip(teachers(record, law)) {
+        text += &format!("  before {}: {}\n", teacher.name, error(beat.before));
+    }
+    text
 }
 
 /// Table of the twin's uncertainty: 90 % intervals of parameters and biomarkers.

@@ -348,6 +348,7 @@ impl Script {
                     step: None,
                     correction: Default::default(),
                     law_beats: None,
+                    learned_law: None,
                     reduced_beats: 100,
                 })
             }
@@ -368,6 +369,7 @@ impl Script {
                     step: None,
                     correction: Default::default(),
                     law_beats: None,
+                    learned_law: None,
                     reduced_beats: 100,
                 })
             }
@@ -585,5 +587,6 @@ fn posterior(spec: &PosteriorSpec) -> PosteriorResult {
             left_over_expected: 1.0,
             evaluations: 1,
         },
+        learned_law: None,
     }
 }

@@ -14,6 +14,7 @@ mod format;
 mod fragment;
 mod motion;
 mod organ_3d;
+mod organ_law;
 mod page;
 mod patient;
 mod plot;

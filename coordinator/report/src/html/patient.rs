@@ -10,6 +10,7 @@ use super::figures::{self, figure, legend, line_name};
 use super::format::{count, duration, fixed, percent, significant, symbol};
 use super::motion;
 use super::organ_3d;
+use super::organ_law;
 use super::posterior;
 use super::provenance;
 use super::tables;
@@ -377,6 +378,7 @@ pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
             (beat(patient, signals, &drawn))
             (step1(patient))
             (cell(patient, signals))
+            (organ_law::part(patient))
             (posterior::part(patient, signals))
             (organ_3d::part(patient, signals, &drawn))
             h3 { "Numbers" }

@@ -192,6 +192,8 @@ impl<'a> PatientView<'a> {
         }
         tasks.extend(self.0.targets.as_ref().map(|r| entry("targets", r)));
         tasks.extend(self.0.cell_fit.as_ref().map(|r| entry("step 2", r)));
+        let of_organ = self.0.organ_fit.as_ref();
+        tasks.extend(of_organ.map(|r| entry("step 2, in the organ", r)));
         tasks.extend(
             self.0
                 .organ_fit

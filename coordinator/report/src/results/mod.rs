@@ -9,6 +9,7 @@ pub mod comparison;
 pub mod discovery;
 pub mod folder;
 pub mod heart;
+pub mod learned_law;
 pub mod model;
 pub mod signals;
 pub mod spread;
@@ -16,6 +17,7 @@ mod write_error;
 
 pub use comparison::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step};
 pub use heart::{HeartError, HeartFile};
+pub use learned_law::{Teacher, learned_law, teachers};
 pub use signals::{Signal, SignalKind, Signals, Source};
 pub use spread::SpreadFile;
 pub use write_error::WriteError;

@@ -221,6 +221,16 @@ fn unloaded_stretch(passive: &OneFibrePassive, volume_ml: f64) -> (f64, f64) {
 }
 
 impl OrganLaw {
+    /// Smallest and largest cavity volume \[mL\] for which the polynomials hold.
+    #[must_use]
+    pub fn domain_ml(passive: &OneFibrePassive) -> [f64; 2] {
+        let [low, beyond] = DOMAIN_X.map(f64::exp);
+        [
+            passive.unloaded_volume_ml * low,
+            passive.end_diastolic_volume_ml * beyond,
+        ]
+    }
+
     /// Cavity pressure \[mmHg\] at a cavity volume \[mL\] and a mean active stress \[kPa\].
     #[must_use]
     pub fn pressure(&self, passive: &OneFibrePassive, volume_ml: f64, stress_kpa: f64) -> LawValue {

@@ -19,6 +19,7 @@ use rayon::prelude::*;
 use self::likelihood::Likelihood;
 use self::summary::{Sampled, Seen};
 use super::proposal::axes::{Axis, axes, named, point, tolerated};
+use super::proposal::learned::learned_law;
 use super::proposal::surrogate;
 use crate::context::Context;
 use crate::error::TaskError;
@@ -128,6 +129,7 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         deviations: likelihood.deviations,
         evaluations: (mode.evaluations + draws.iter().map(|draw| draw.evaluations).sum::<usize>())
             as u64,
+        learned_law: learned_law(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?,
     }))))
 }
 

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use cardiotwin_calibrate::posterior::{Draw, TruncatedNormal};
 use cardiotwin_calibrate::statistics::{mean, quantile_of};
 use cardiotwin_schemas::biomarkers::{Biomarker, Biomarkers};
+use cardiotwin_schemas::organ_law::LearnedLaw;
 use cardiotwin_schemas::outcome::Determination;
 use cardiotwin_schemas::posterior::{
     Band, Deviations, ParameterSpread, PosteriorResult, PosteriorSpec, Sampling, Spread,
@@ -37,6 +38,7 @@ pub(super) struct Sampled<'a> {
     pub(super) left: f64,
     pub(super) deviations: Deviations,
     pub(super) evaluations: u64,
+    pub(super) learned_law: Option<LearnedLaw>,
 }
 
 /// Makes the result from the draws.
@@ -95,6 +97,7 @@ pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
             left_over_expected: sampled.left,
             evaluations: sampled.evaluations,
         },
+        learned_law: sampled.learned_law.clone(),
     }
 }
 

@@ -2,6 +2,7 @@
 //! organ.
 
 pub mod axes;
+pub mod learned;
 pub mod step1;
 pub mod step3;
 

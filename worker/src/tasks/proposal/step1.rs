@@ -9,6 +9,7 @@ use cardiotwin_schemas::outcome::{Step1ProposalResult, TaskResult};
 use cardiotwin_schemas::settings::Step1Settings;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1ProposalSpec};
 
+use super::learned::learned_law;
 use super::{factors, law_beats, outcome, surrogate, told};
 use crate::context::Context;
 use crate::error::TaskError;
@@ -80,6 +81,7 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         step: proposal.step,
         correction: factors(&proposal),
         law_beats: law_beats(&organ, spec.law.as_deref()),
+        learned_law: learned_law(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?,
         reduced_beats: proposal.cheap_beats as u64,
     }))
 }

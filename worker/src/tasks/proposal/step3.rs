@@ -12,6 +12,7 @@ use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
 
 use super::axes::{axes, is_sensitive, named, point};
+use super::learned::learned_law;
 use super::{factors, law_beats, outcome, surrogate, told};
 use crate::context::Context;
 use crate::error::TaskError;
@@ -142,6 +143,7 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         step: proposal.step,
         correction: factors(&proposal),
         law_beats: law_beats(&organ, spec.law.as_deref()),
+        learned_law: learned_law(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?,
         reduced_beats: proposal.cheap_beats as u64,
     }))
 }
