@@ -613,6 +613,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             fit,
         )),
         organ_fit: None,
+        law: None,
         other_wall_s: 0.0,
         verification: Some(folder.record(
             "verification",
@@ -623,7 +624,6 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             verification,
         )),
         verification_cost: Some(cost(&printed.step2, &printed.clinical)),
-        organ_fit: None,
         step3_iterations: vec![],
         step3: None,
         posterior: None,

@@ -533,7 +533,8 @@ mod tests {
     }
 
     /// The engine's constants and the scalar cell of the same parameters: `place` is the position of each in its interval.
-    fn both(place: [f64; 21], a_p_kpa: f64, lambda_0: f64) -> (Constants, Cell0d) {
+    /// There is no scalar cell where Ca50 is not positive at rest.
+    fn both(place: [f64; 21], a_p_kpa: f64, lambda_0: f64) -> (Constants, Option<Cell0d>) {
         let mut parameters = crate::input::DEFAULT_PARAMETERS;
         for ((value, place), of) in parameters.iter_mut().zip(place).zip(&CELL) {
             let [low, high] = of.interval.unwrap();
@@ -559,7 +560,7 @@ mod tests {
         let input = CellInput::new(parameters, 1000.0, lambda_0);
         (
             input.constants(NegativeKwu::Keep).unwrap(),
-            cell.build().unwrap(),
+            cell.build().ok(),
         )
     }
 
@@ -577,6 +578,8 @@ mod tests {
             shift in 0.05..20.0f64, r in prop::array::uniform8(-1.0..1.0f64), with_fma in any::<bool>(),
         ) {
             let (p, cell) = both(place, a_p, lambda_0);
+            prop_assume!(cell.is_some());
+            let cell = cell.unwrap();
             let land = p.land();
             // Where Ca50 is not positive the scalar cell has no rates.
             prop_assume!(land.ca50(l) > 0.05);

@@ -176,6 +176,7 @@ impl<'a> PatientView<'a> {
         }
         let mut tasks = Vec::new();
         tasks.extend(self.0.step0.as_ref().map(|r| entry("step 0", r)));
+        tasks.extend(self.0.law.as_ref().map(|r| entry("law of pilots", r)));
         for iteration in &self.0.iterations {
             tasks.extend(
                 iteration
@@ -192,8 +193,6 @@ impl<'a> PatientView<'a> {
         }
         tasks.extend(self.0.targets.as_ref().map(|r| entry("targets", r)));
         tasks.extend(self.0.cell_fit.as_ref().map(|r| entry("step 2", r)));
-        let of_organ = self.0.organ_fit.as_ref();
-        tasks.extend(of_organ.map(|r| entry("step 2, in the organ", r)));
         tasks.extend(
             self.0
                 .organ_fit

@@ -33,7 +33,7 @@ pub(crate) fn learned_law(
     };
     let (wall, features) = (law_wall(&organ.figures)?, features(&organ.figures));
     let before_any = prior_of(prior)?;
-    let beats = learnable_beats(&beat.cell_stretch, beats);
+    let beats = learnable_beats(&beat.cell_stretch, beats.iter());
     // The law of the first 0, 1, … beats.
     let laws: Vec<OrganLaw> = (0..=beats.len())
         .map(|n| fit_law(&wall, &features, &beats[..n], &before_any))
