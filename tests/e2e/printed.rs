@@ -4,6 +4,17 @@ use std::path::{Path, PathBuf};
 
 use crate::support::{cardiotwin, command};
 
+const COHORT: &str = r#"name = "my-cohort"
+solver.fidelity = "reduced"
+workflow.until = "step2-verification"
+step2.seed = 3
+step2.popsize = 3
+step2.max_generations = 4
+step2.polish = false
+posterior.enabled = false
+step1.max_iterations = 12
+"#;
+
 /// A command of a page, and the output shown below it.
 struct Shown {
     page: String,
@@ -79,20 +90,18 @@ fn output_on_pages_is_what_the_commands_print() {
         .status();
     assert!(copied.unwrap().success());
     std::fs::create_dir_all(folder.path().join("docs/images")).unwrap();
-    // What the pages' commands need: a cohort whose runs and reruns the pages tell of.
-    cardiotwin(folder.path(), &["init", "my-cohort"]).expect(0);
-    let patients = folder.path().join("my-cohort/patients");
-    for patient in std::fs::read_dir(&patients).unwrap().flatten() {
-        if patient.file_name() != "04-CoA" {
-            std::fs::remove_dir_all(patient.path()).unwrap();
-        }
+    // What the pages' commands need: a cohort with a run, a setting in line 9, and a rerun.
+    let cohort = folder.path().join("my-cohort");
+    let patient = cohort.join("patients/04-CoA");
+    std::fs::create_dir_all(&patient).unwrap();
+    for name in ["patient.toml", "pressure.csv", "volume.csv"] {
+        let from = folder.path().join("examples/coa-seven/patients/04-CoA");
+        std::fs::copy(from.join(name), patient.join(name)).unwrap();
     }
-    let set = "--fidelity reduced --no-report --set posterior.draws=40";
-    let run: Vec<&str> = ["run", "my-cohort"]
-        .into_iter()
-        .chain(set.split(' '))
-        .collect();
-    cardiotwin(folder.path(), &run).expect(0);
+    std::fs::write(cohort.join("cohort.toml"), COHORT).unwrap();
+    cardiotwin(folder.path(), &["run", "my-cohort", "--no-report"]).expect(0);
+    let rerun = "rerun 04-CoA --from step1 --damping 0.5 --cohort my-cohort";
+    cardiotwin(folder.path(), &rerun.split(' ').collect::<Vec<_>>()).expect(0);
     let shown = shown();
     assert!(shown.len() >= 4, "{}", shown.len());
     for block in shown {
