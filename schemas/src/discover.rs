@@ -14,7 +14,7 @@ use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
 pub use cardiotwin_vocabulary::findings::{
     ComparedSignal, Confusable, Dependence, DiscoverSeries, Findings, GapAt, InThreeDimensions,
     NotIdentifiable, PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves,
-    Unconfirmed, Unexplained, is_confirmed,
+    Unexplained,
 };
 
 /// Input of a search for missing effects.

@@ -16,9 +16,6 @@ pub struct Findings {
     pub effects: Vec<RankedEffect>,
     /// Names of the effects that the selection added to the model.
     pub accepted: Vec<String>,
-    /// Effects that explain the fitted data, but that held-out data do not confirm: none is named.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub unconfirmed: Vec<Unconfirmed>,
     /// Names of effects that the data do not distinguish from the accepted ones.
     pub confusable: Vec<String>,
     /// Accepted effects with the rivals from which the data do not distinguish them.
@@ -53,28 +50,6 @@ pub struct Findings {
     pub where_after: Vec<Place>,
     /// Residuals by signal and phase, before and after, on fitted and held-out data.
     pub gaps: Vec<GapAt>,
-}
-
-/// Share by which an effect must reduce the gap on held-out data, so that they confirm it. What reduces
-/// it by less may only follow the noise of the data that it was fitted to.
-pub const CONFIRMED: f64 = 0.02;
-
-/// Whether held-out data confirm an effect, by their gap without and with it.
-#[must_use]
-pub fn is_confirmed(without: f64, with: f64) -> bool {
-    with <= (1.0 - CONFIRMED) * without
-}
-
-/// An effect that held-out data do not confirm.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Unconfirmed {
-    /// Name in the catalogue.
-    pub name: String,
-    /// Rms standardised residual on held-out data without the effect.
-    pub gap_heldout_without: f64,
-    /// Rms standardised residual on held-out data with the effect.
-    pub gap_heldout_with: f64,
 }
 
 /// A candidate in the ranking.

@@ -18,7 +18,7 @@ use crate::settings::Settings;
 use crate::stage::{Search, SearchStage};
 use crate::stepwise::{Found, find};
 use crate::unexplained::depends_on;
-use cardiotwin_vocabulary::findings::{Confusable, Findings, Unconfirmed, Unexplained};
+use cardiotwin_vocabulary::findings::{Confusable, Findings, Unexplained};
 use std::collections::BTreeMap;
 
 /// Reasons why a search gives no result.
@@ -70,7 +70,6 @@ pub fn discover(
         current,
         losses,
         held_out: (held_before, held_after),
-        unconfirmed,
         n_evaluations_left,
     } = find(&search, &base);
     let current = current.plain().clone();
@@ -175,14 +174,6 @@ pub fn discover(
         accepted: accepted
             .iter()
             .map(|t| candidates[*t].name.clone())
-            .collect(),
-        unconfirmed: unconfirmed
-            .iter()
-            .map(|doubted| Unconfirmed {
-                name: candidates[doubted.term].name.clone(),
-                gap_heldout_without: doubted.without,
-                gap_heldout_with: doubted.with,
-            })
             .collect(),
         confusable: distinct(confusable.iter().map(|c| &c.rival)),
         confusable_with: confusable,

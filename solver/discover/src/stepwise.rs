@@ -7,7 +7,6 @@ use crate::held_out::{HeldOut, held_out};
 use crate::moves::{Loss, same_terms};
 use crate::search::RISE;
 use crate::stage::{Search, SearchStage};
-use cardiotwin_vocabulary::findings::is_confirmed;
 
 /// Number of the ranking's first candidates that are tried in place of an accepted effect.
 const N_SWAPS: usize = 4;
@@ -24,21 +23,8 @@ pub(crate) struct Found {
     pub losses: Vec<Loss>,
     /// Predictions for held-out data, without and with the effects.
     pub held_out: (Option<HeldOut>, Option<HeldOut>),
-    /// Effects that were taken out because held-out data do not confirm them.
-    pub unconfirmed: Vec<Doubted>,
     /// Evaluations of stages that were left.
     pub n_evaluations_left: usize,
-}
-
-/// An effect that held-out data do not confirm, with their gap without and with it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Doubted {
-    /// Index of the effect.
-    pub term: usize,
-    /// Gap on held-out data without the effect.
-    pub without: f64,
-    /// Gap on held-out data with the effect.
-    pub with: f64,
 }
 
 /// Adds, exchanges and removes effects. The search continues from the remaining structure if that
@@ -48,17 +34,13 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
     let mut start = base.clone();
     let mut n_evaluations_left = 0;
     let mut returns = 0;
-    let mut doubted: Vec<Doubted> = Vec::new();
     loop {
         let grown = grow(search, &mut stages, start);
         let Pruned {
             left,
             losses,
             held_out,
-            unconfirmed,
         } = prune(search, &stages, grown);
-        doubted.retain(|one| unconfirmed.iter().all(|new| new.term != one.term));
-        doubted.extend(unconfirmed);
         let n_terms = left.plain().structure.terms.len();
         let known = stages
             .iter()
@@ -74,14 +56,11 @@ pub(crate) fn find(search: &Search<'_>, base: &Fit) -> Found {
             stages[at].own.improve(&left);
         }
         if !dropped || !better || returns == RETURNS {
-            // Confirmed beside other effects, it is none that is doubted.
-            doubted.retain(|one| losses.iter().all(|loss| loss.term != one.term));
             return Found {
                 stages,
                 current: left,
                 losses,
                 held_out,
-                unconfirmed: doubted,
                 n_evaluations_left,
             };
         }
@@ -163,16 +142,16 @@ struct Pruned {
     left: FitsByDiscrepancy,
     losses: Vec<Loss>,
     held_out: (Option<HeldOut>, Option<HeldOut>),
-    unconfirmed: Vec<Doubted>,
 }
 
 /// Removes effects, the least important first, that the data no longer support or that held-out
-/// data do not confirm: their gap must fall with the effect. A later effect may have replaced an earlier one.
+/// data do not confirm. A later effect may have replaced an earlier one.
 fn prune(search: &Search<'_>, stages: &[SearchStage], mut current: FitsByDiscrepancy) -> Pruned {
     let threshold = search.threshold(&stages[0]);
+    // One standard error of an rms of so many independent data.
+    let rise = 1.0 + (2.0 * search.views.plain.n_effective()).sqrt().recip();
     let predict = |fit: &Fit| held_out(&search.plain(), fit, &search.settings.fit);
     let mut before = None;
-    let mut unconfirmed = Vec::new();
     loop {
         let mut losses = search.losses(&current, stages);
         let kept = |loss: &Loss| search.enough(loss.term, (loss.plain, loss.robust), threshold);
@@ -186,38 +165,24 @@ fn prune(search: &Search<'_>, stages: &[SearchStage], mut current: FitsByDiscrep
                 left: current,
                 losses,
                 held_out: (held.clone(), held),
-                unconfirmed,
             };
         }
         let without = before
             .get_or_insert_with(|| predict(stages[0].own.plain()))
             .clone();
         let with = predict(current.plain());
-        // Each effect is compared with the structure that lacks it: the others may confirm themselves.
-        let alone = losses.len() == 1;
-        let doubt = |(at, loss): (usize, &Loss)| {
-            let lacking = match alone {
-                true => without.as_ref()?.gap,
-                false => predict(loss.without.plain())?.gap,
-            };
-            let with = with.as_ref()?.gap;
-            let doubted = Doubted {
-                term: loss.term,
-                without: lacking,
-                with,
-            };
-            (!is_confirmed(lacking, with)).then_some((at, doubted))
-        };
-        // The last entry has the smallest loss.
-        let Some((at, doubted)) = losses.iter().enumerate().rev().find_map(doubt) else {
+        let confirmed = with
+            .as_ref()
+            .zip(without.as_ref())
+            .is_none_or(|(a, b)| a.gap <= rise * b.gap);
+        if confirmed {
             return Pruned {
                 left: current,
                 losses,
                 held_out: (without, with),
-                unconfirmed,
             };
-        };
-        unconfirmed.push(doubted);
-        current = losses.swap_remove(at).without;
+        }
+        // The last entry has the smallest loss.
+        current = losses.swap_remove(losses.len() - 1).without;
     }
 }

@@ -108,7 +108,6 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
         none: n_accepted == 0,
         effects,
         accepted,
-        unconfirmed: vec![],
         confusable: if n_accepted == 0 {
             vec![]
         } else {

@@ -35,10 +35,7 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     );
     for effect in found.findings.effects.iter().take(SHOWN) {
         let accepted = found.findings.accepted.contains(&effect.name);
-        let is_unconfirmed =
-            (found.findings.unconfirmed.iter()).any(|doubted| doubted.name == effect.name);
         let note = match (accepted, effect.plausible) {
-            (false, _) if is_unconfirmed => "not confirmed by held-out data",
             (true, _) if effect.artefact => "accepted: correct the data",
             (true, _) => "accepted",
             (false, false) => "too weak or at the edge of its range",
