@@ -96,7 +96,7 @@ impl TaskSpec {
         match self {
             Self::OrganBeat(_) => 14,
             Self::PassiveState(_) => 10,
-            Self::Discover(_) => 10,
+            Self::Discover(_) => 9,
             Self::Step1Proposal(_) | Self::Step3Proposal(_) => 9,
             Self::CellFit(_) => 6,
             Self::CellSweep(_) => 4,
