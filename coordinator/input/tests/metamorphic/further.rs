@@ -408,7 +408,11 @@ fn clocks(rows: &Rows, out: &mut Vec<Variant>) {
     let halves = |t: f64| {
         let t = t % 86_400.0;
         let hours = (t / 3600.0) as usize;
-        let shown = if hours % 12 == 0 { 12 } else { hours % 12 };
+        let shown = if hours.is_multiple_of(12) {
+            12
+        } else {
+            hours % 12
+        };
         let mark = if hours < 12 { "AM" } else { "PM" };
         format!(
             "{shown}:{:02}:{:06.3} {mark}",

@@ -550,8 +550,9 @@ pub fn table(run: &RunRecord, link: Link) -> Markup {
             tbody {
                 @for p in &run.patients {
                     @let (class, sign, words) = standing(p);
-                    // The sizes of the differences are in the columns.
-                    @let words = if words.starts_with(OFF) { OFF } else { &*words };
+                    // The sizes of the differences are in the columns. Longer words would break each
+                    // row into two lines, and the summary over more than two sheets.
+                    @let words = if words.starts_with(OFF) { "off" } else { &*words };
                     tr {
                         th scope="row" { a href=(link(p)) { (p.plan.id) } }
                         td.state { span class=(class) { (sign) } " " (words) @if p.status.state == PatientState::Done && !PatientView(p).step1_converged() && p.step1.is_some() { br; span.quiet { "step 1 " (step1_words(p)) } } }
