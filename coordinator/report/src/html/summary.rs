@@ -41,14 +41,7 @@ fn reasons(patient: &PatientRecord) -> Vec<String> {
     }
     // Done, but off: what the twin is for does not hold.
     if let Some(verdict) = patient.off() {
-        // Shorter than the verdict's own words, because the summary has two sheets.
-        let mut off: Vec<_> = verdict.off_percent.iter().collect();
-        off.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        let off: Vec<String> = off
-            .into_iter()
-            .map(|(name, percent)| format!("{name} {percent:+.0} %"))
-            .collect();
-        found.push(format!("off by {}", off.join(", ")));
+        found.push(verdict.to_string());
     }
     if let Some(summary) = &patient.step1
         && let Step1Quality::Stalled { reason } = summary.quality
