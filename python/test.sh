@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Makes the wheel, installs it into a new virtual environment, and tests what was installed: types, style, python/tests, the notebooks.
 # Packages come from the index of pip. Usage: python/test.sh [--brief] [ARGUMENTS OF PYTEST]
+# nibabel, SciPy and scikit-image: examples/own-anatomy/mesh_from_image.py needs them.
 # --brief leaves out the notebooks, polars, xarray and types, which need large packages, and the long kinds of the second opinion.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -26,7 +27,8 @@ wheel=("$folder"/dist/cardiotwin-*.whl)
 began=$(date +%s)
 "$folder/env/bin/pip" install --quiet "${wheel[0]}"
 echo "installed in $(($(date +%s) - began)) s: $("$folder/env/bin/cardiotwin" --version)"
-"$folder/env/bin/pip" install --quiet "${wheel[0]}[$extras]" "pytest>=8" "mypy>=1.13" "ruff>=0.8" pandas-stubs
+"$folder/env/bin/pip" install --quiet "${wheel[0]}[$extras]" "pytest>=8" "mypy>=1.13" "ruff>=0.8" pandas-stubs \
+    "nibabel>=5" "scipy>=1.11" "scikit-image>=0.22"
 "$folder/env/bin/ruff" check --quiet --no-cache --config python/pyproject.toml python/cardiotwin python/tests python/benchmarks
 "$folder/env/bin/ruff" format --quiet --no-cache --check --config python/pyproject.toml python/cardiotwin python/tests python/benchmarks
 if [ ${#left_out[@]} = 0 ]; then

@@ -62,6 +62,8 @@ def labels_in_mm(path, frame=None):
     if not np.isfinite(values).all() or np.abs(values - np.rint(values)).max(initial=0) > 1e-3:
         sys.exit(f"{path}: values that are no whole numbers, such as {values.max():g}; expected labels, not an image of grey values")
     sides_mm = np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
+    if not abs(np.linalg.det(affine[:3, :3])) > 1e-6 * sides_mm.prod():
+        sys.exit(f"{path}: voxels without a volume, expected three independent axes; write the image's orientation (sform or qform) again")
     extent_mm = np.linalg.norm(sides_mm * values.shape)
     if not 20 <= extent_mm <= 3000:
         sys.exit(f"{path}: an image of {extent_mm:.3g} mm across, expected that of a heart; check the unit in its header ({unit})")

@@ -87,3 +87,123 @@ def test_a_small_file_that_claims_very_many_voxels_is_refused_before_it_is_unpac
         script.labels_in_mm(path)
     with pytest.raises(SystemExit, match=r"expected at most .*give a larger --voxel-mm"):
         script.surface_of_labels(made(tmp_path, BALL), [1], 0.001, 1.0)
+
+
+def half_ball():
+    """A ball without its upper half, in a box of its own on each side, so that every axis and direction shows."""
+    values = BALL.copy()
+    values[:, :, 38:] = 0
+    return np.pad(values, ((1, 2), (3, 4), (5, 6)))
+
+
+def stored(folder, values, affine, name="labels.nii.gz", image=None, **changes):
+    """An image with an affine map to mm, in the header of either kind."""
+    made_image = (image or nibabel.Nifti1Image)(values, affine)
+    made_image.header.set_xyzt_units("mm")
+    for key, value in changes.items():
+        made_image.header[key] = value
+    nibabel.save(made_image, folder / name)
+    return folder / name
+
+
+def turned(values, affine, order, flips):
+    """The same image with its axes in another order, some of them backwards."""
+    move = np.zeros((4, 4))
+    move[3, 3] = 1
+    for to, axis in enumerate(order):
+        move[axis, to] = -1 if axis in flips else 1
+        move[axis, 3] = values.shape[axis] - 1 if axis in flips else 0
+    other = np.flip(values, flips).transpose(order)
+    return np.ascontiguousarray(other), affine @ move
+
+
+OBLIQUE = np.array([[1.2, 0.3, 0, -40], [-0.2, 0.9, 0.1, 12], [0.1, 0, 1.4, 250], [0, 0, 0, 1.0]])
+TURNS = [((0, 1, 2), ()), ((1, 0, 2), ()), ((2, 0, 1), (1,)), ((2, 1, 0), (0, 1, 2)), ((0, 1, 2), (2,))]
+
+
+@pytest.mark.parametrize(("order", "flips"), TURNS)
+def test_the_order_and_direction_of_the_axes_change_no_surface(script, tmp_path, order, flips):
+    """Programs store slices from either end and axes in any order; the affine map says which."""
+    values = half_ball()
+    usual, _ = script.surface_of_labels(stored(tmp_path, values, OBLIQUE), [1], 2.0, 0.5)
+    path = stored(tmp_path, *turned(values, OBLIQUE, order, flips))
+    points, _ = script.surface_of_labels(path, [1], 2.0, 0.5)
+    for wanted, found in [(usual.min(0), points.min(0)), (usual.max(0), points.max(0)), (usual.mean(0), points.mean(0))]:
+        assert found == pytest.approx(wanted, abs=0.3)
+
+
+def volume_ml(points, triangles):
+    """Volume inside a closed surface, by the divergence theorem; its sign is that of the triangles' turn."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6e3
+
+
+@pytest.mark.parametrize(("order", "flips"), TURNS)
+def test_the_surface_encloses_the_volume_of_the_voxels(script, tmp_path, order, flips):
+    values = half_ball()
+    path = stored(tmp_path, *turned(values, OBLIQUE, order, flips))
+    enclosed = abs(volume_ml(*script.surface_of_labels(path, [1], 2.0, 0.5)))
+    assert enclosed == pytest.approx(cavity_of(values, OBLIQUE), rel=0.02)
+
+
+def test_labels_that_the_header_scales_are_the_scaled_ones(script, tmp_path):
+    """`scl_slope` of NIfTI-1, at byte 112, multiplies the stored numbers; 0 stands for none."""
+    path = stored(tmp_path, BALL, np.eye(4), "labels.nii")
+    for slope, wanted in [(2.0, {0, 2}), (0.0, {0, 1}), (1.0, {0, 1})]:
+        content = bytearray(path.read_bytes())
+        content[112:120] = np.array([slope, 0.0], "<f4").tobytes()
+        path.write_bytes(content)
+        assert set(np.unique(script.labels_in_mm(path)[0])) == wanted
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.int32, np.float32, np.float64])
+def test_the_type_of_the_numbers_changes_no_label(script, tmp_path, kind):
+    values, _ = script.labels_in_mm(stored(tmp_path, (3 * BALL).astype(kind), np.eye(4)))
+    assert set(np.unique(values)) == {0, 3}
+
+
+@pytest.mark.parametrize("name", ["labels.nii", "labels.nii.gz", "labels.img"])
+def test_files_of_every_kind_are_read(script, tmp_path, name):
+    """One file, a packed one, and a pair of header and data."""
+    kind = nibabel.Nifti1Pair if name.endswith(".img") else nibabel.Nifti2Image
+    values, affine = script.labels_in_mm(stored(tmp_path, BALL, np.diag([1, 1, 2, 1.0]), name, kind))
+    assert cavity_of(values, affine) == pytest.approx(2 * BALL_ML, rel=0.02)
+
+
+def test_a_quaternion_counts_where_the_affine_map_has_no_code(script, tmp_path):
+    image = nibabel.Nifti1Image(BALL, None)
+    image.header.set_xyzt_units("mm")
+    image.header.set_qform(np.diag([2.0, 2.0, 2.0, 1.0]), code=1)
+    image.header.set_sform(None, code=0)
+    nibabel.save(image, tmp_path / "labels.nii.gz")
+    values, affine = script.labels_in_mm(tmp_path / "labels.nii.gz")
+    assert cavity_of(values, affine) == pytest.approx(8 * BALL_ML, rel=0.02)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.7, 0.99])
+def test_a_file_cut_off_is_refused_by_its_name(script, tmp_path, share):
+    path = made(tmp_path, BALL)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(SystemExit, match=r"labels\.nii\.gz: cannot be read as an image"):
+        script.labels_in_mm(path)
+
+
+def test_a_map_without_a_volume_is_refused(script, tmp_path):
+    """Two axes along one direction, or a voxel without a thickness."""
+    flat = np.array([[1, 1, 0, 0], [0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    image = nibabel.Nifti1Image(BALL, np.eye(4))
+    image.header.set_xyzt_units("mm")
+    image.header.set_sform(flat, code=1)
+    image.header.set_qform(None, code=0)
+    raw = nibabel.Nifti1Image(BALL, None, image.header)
+    nibabel.save(raw, tmp_path / "labels.nii.gz")
+    with pytest.raises(SystemExit, match="voxels without a volume"):
+        script.labels_in_mm(tmp_path / "labels.nii.gz")
+
+
+def test_no_number_is_no_label(script, tmp_path):
+    values = BALL.astype(np.float32)
+    values[0, 0, 0] = np.nan
+    with pytest.raises(SystemExit, match="no whole numbers"):
+        script.labels_in_mm(made(tmp_path, values))

@@ -183,9 +183,10 @@ fn key_of(defect: &Defect, mesh: &PatientMesh) -> &'static str {
     match defect {
         Defect::NoTag { .. } => "anatomy.mesh.left_ventricle",
         Defect::Size { .. } => "anatomy.mesh.unit",
-        Defect::NoFibres | Defect::FibreLength { .. } | Defect::OneDirection { .. } => {
-            "anatomy.mesh.fibres"
-        }
+        Defect::NoFibres
+        | Defect::FibreLength { .. }
+        | Defect::OneDirection { .. }
+        | Defect::UnreadDirections { .. } => "anatomy.mesh.fibres",
         Defect::Site { .. } => "anatomy.mesh.activation_sites_mm",
         Defect::Times { .. } if mesh.activation_times_ms.is_some() => {
             "anatomy.mesh.activation_times_ms"

@@ -394,17 +394,25 @@ fn kind_25_hum_and_pacing_spikes_are_no_r_waves() {
     assert!((seen.end_diastolic() - 8.3).abs() < 1.5, "{}", seen.said);
 }
 
-/// What `cardiotwin mesh check FILE --unit UNIT --left-ventricle 1` says of a mesh of the fixtures.
-fn mesh(name: &str, unit: LengthUnit) -> Result<Intake, String> {
-    let asked = Asked {
-        unit,
+/// What `cardiotwin mesh check FILE --unit mm --left-ventricle 1 --fibres FIBRES` asks.
+fn for_muscle(fibres: Fibres) -> Asked<'static> {
+    Asked {
+        unit: LengthUnit::Millimetre,
         left_ventricle: &[1],
-        fibres: Fibres::Auto,
+        fibres,
         cavity: None,
         wall: None,
         activation: Activation::Unasked,
         right_ventricle: None,
         sprung: &[],
+    }
+}
+
+/// What `cardiotwin mesh check FILE --unit UNIT --left-ventricle 1` says of a mesh of the fixtures.
+fn mesh(name: &str, unit: LengthUnit) -> Result<Intake, String> {
+    let asked = Asked {
+        unit,
+        ..for_muscle(Fibres::Auto)
     };
     intake::read(&fixture(name), &asked).map_err(|error| error.to_string())
 }
@@ -431,16 +439,7 @@ fn kind_16_fibres_of_one_direction_are_a_placeholder() {
         let sign = if e % 2 == 0 { 1.0 } else { -1.0 };
         frame.fibre = [sign * 0.999_85, sign * 0.017_45, 0.0];
     }
-    let asked = Asked {
-        unit: LengthUnit::Millimetre,
-        left_ventricle: &[1],
-        fibres: Fibres::Mesh,
-        cavity: None,
-        wall: None,
-        activation: Activation::Unasked,
-        right_ventricle: None,
-        sprung: &[],
-    };
+    let asked = for_muscle(Fibres::Mesh);
     assert!(has(
         &intake::look(turned.clone(), &asked),
         "fibres-of-one-direction"
@@ -462,6 +461,17 @@ fn kind_17_arrays_of_other_programs_are_read_or_named() {
         .unwrap();
         assert_eq!(found.mesh.frames.len(), found.mesh.n_tets(), "{name}");
     }
+    // Directions under a name that no reader knows: the rule makes the fibres, and a warning names the array.
+    let known = std::fs::read_to_string(fixture("17-vtu-foreign-arrays/fiber/heart.vtu")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let renamed = folder.path().join("heart.vtu");
+    std::fs::write(&renamed, known.replace("\"fiber\"", "\"muscle axes\"")).unwrap();
+    let found = intake::read(&renamed, &for_muscle(Fibres::Auto)).unwrap();
+    let told: Vec<String> = found.defects.iter().map(ToString::to_string).collect();
+    assert!(found.mesh.frames.is_empty() && found.is_sound(), "{told:#?}");
+    assert!(told.iter().any(|told| told.contains("`muscle axes`")), "{told:#?}");
+    let asked_for_the_rule = intake::read(&renamed, &for_muscle(Fibres::Rule)).unwrap();
+    assert!(!has(&asked_for_the_rule, "unread-directions"));
     let told = mesh(
         "17-vtu-foreign-arrays/elemTag/heart.vtu",
         LengthUnit::Millimetre,

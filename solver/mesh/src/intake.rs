@@ -109,7 +109,20 @@ pub fn readable_path(file: &Path) -> std::path::PathBuf {
 /// # Errors
 /// [`MeshFileError`] if the mesh's file cannot be read or parsed.
 pub fn read(file: &Path, asked: &Asked) -> Result<Intake, MeshFileError> {
-    Ok(look(files::read(&readable_path(file), asked.unit)?, asked))
+    let mut intake = look(files::read(&readable_path(file), asked.unit)?, asked);
+    if asked.fibres == Fibres::Auto && intake.mesh.frames.is_empty() && is_vtu(file) {
+        let names = files::vtu::unread_directions(file)?;
+        if !names.is_empty() {
+            // The last of the warnings, so that errors stay first.
+            intake.defects.push(Defect::UnreadDirections { names });
+        }
+    }
+    Ok(intake)
+}
+
+/// Whether a file is of the only format that keeps arrays which no reader takes.
+fn is_vtu(file: &Path) -> bool {
+    file.extension().is_some_and(|extension| extension == "vtu")
 }
 
 /// openCARP's activation time of nodes that are never activated.

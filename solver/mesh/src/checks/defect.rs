@@ -205,6 +205,10 @@ pub enum Defect {
     OneDirection {
         of: usize,
     },
+    /// The rule makes the fibres, although the file has directions under names that no reader knows.
+    UnreadDirections {
+        names: Vec<String>,
+    },
     Site {
         site: usize,
         distance_mm: f64,
@@ -264,6 +268,7 @@ impl Defect {
             Self::NoFibres => "no-fibres",
             Self::FibreLength { .. } => "fibre-length",
             Self::OneDirection { .. } => "fibres-of-one-direction",
+            Self::UnreadDirections { .. } => "unread-directions",
             Self::Site { .. } => "activation-site",
             Self::NoStart => "no-activation",
             Self::Times { .. } => "activation-times",
@@ -278,6 +283,7 @@ impl Defect {
             | Self::Unreferenced { .. }
             | Self::Touching { .. }
             | Self::OneDirection { .. }
+            | Self::UnreadDirections { .. }
             | Self::Wall { .. } => Severity::Warning,
             _ => Severity::Error,
         }
@@ -456,6 +462,10 @@ impl Defect {
             Self::OneDirection { of } => {
                 format!("fibres of one direction in all {of} contracting elements")
             }
+            Self::UnreadDirections { names } => {
+                let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+                format!("no fibres, and directions named {}", names.join(", "))
+            }
             Self::Site {
                 site, distance_mm, ..
             } => {
@@ -527,6 +537,9 @@ impl Defect {
             Self::NoFibres => "a fibre for each contracting element".to_owned(),
             Self::FibreLength { .. } => "a length of 1".to_owned(),
             Self::OneDirection { .. } => "fibres that turn around the cavity".to_owned(),
+            Self::UnreadDirections { .. } => {
+                "fibres named fibre or fiber; the rule makes them instead".to_owned()
+            }
             Self::Site { .. } => "a place in contracting tissue".to_owned(),
             Self::NoStart => "one of them".to_owned(),
             Self::Times { expected, .. } => expected.clone(),
@@ -615,6 +628,9 @@ impl Defect {
             }
             Self::OneDirection { .. } => {
                 "these look like a placeholder: give the real fibres, or set anatomy.mesh.fibres = \"rule\"".to_owned()
+            }
+            Self::UnreadDirections { .. } => {
+                "rename the array with the fibres to fibre, or set anatomy.mesh.fibres = \"rule\" if there are none".to_owned()
             }
             Self::Site { place, .. } => {
                 let [x, y, z] = place.at_mm;

@@ -8,7 +8,7 @@ mod data;
 mod read;
 mod write;
 
-pub use read::{parse, read};
+pub use read::{parse, read, unread_directions};
 pub use write::{Content, encode, write};
 
 /// Prefix of the cell arrays that mark surfaces.

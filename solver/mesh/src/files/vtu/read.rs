@@ -86,6 +86,35 @@ pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFi
     reader.grid(unit)
 }
 
+/// Names of the arrays of directions that [`read`] takes neither as fibres nor as sheets.
+///
+/// # Errors
+/// Same as for [`read`].
+pub fn unread_directions(file: &Path) -> Result<Vec<String>, MeshFileError> {
+    let grid = read(file, LengthUnit::Millimetre)?;
+    let fields = grid.cell_fields.iter().chain(&grid.point_fields);
+    let unread = fields.filter(|field| !SHEETS.is(&field.name) && are_directions(field));
+    Ok(unread.map(|field| field.name.clone()).collect())
+}
+
+/// Share of an array's vectors that have the same length where the array contains directions.
+const SAME_LENGTH: f64 = 0.9;
+
+/// Whether an array contains directions: vectors of one length. Displacements and velocities vary.
+fn are_directions(field: &Field) -> bool {
+    let length = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if field.n_components != 3 {
+        return false;
+    }
+    let mut lengths: Vec<f64> = field.values.chunks_exact(3).map(length).collect();
+    lengths.sort_by(f64::total_cmp);
+    let Some(&middle) = lengths.get(lengths.len() / 2) else {
+        return false;
+    };
+    let same = lengths.iter().filter(|l| (*l / middle - 1.0).abs() < 0.01);
+    middle > 0.0 && same.count() as f64 >= SAME_LENGTH * lengths.len() as f64
+}
+
 /// Separates the appended data from the file, because raw bytes are not valid XML.
 fn split_appended(bytes: &[u8]) -> (Vec<u8>, &[u8]) {
     let find = |from: usize, what: &[u8]| {
