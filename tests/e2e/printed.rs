@@ -6,12 +6,12 @@ use crate::support::{cardiotwin, command};
 
 const COHORT: &str = r#"name = "my-cohort"
 solver.fidelity = "reduced"
-workflow.until = "step2-verification"
 step2.seed = 3
 step2.popsize = 3
 step2.max_generations = 4
 step2.polish = false
-posterior.enabled = false
+step3.max_iterations = 1
+posterior.draws = 40
 step1.max_iterations = 12
 "#;
 
@@ -102,8 +102,20 @@ fn output_on_pages_is_what_the_commands_print() {
     cardiotwin(folder.path(), &["run", "my-cohort", "--no-report"]).expect(0);
     let rerun = "rerun 04-CoA --from step1 --damping 0.5 --cohort my-cohort";
     cardiotwin(folder.path(), &rerun.split(' ').collect::<Vec<_>>()).expect(0);
+    let misspelt = folder.path().join("misspelt/patients/04-CoA");
+    std::fs::create_dir_all(&misspelt).unwrap();
+    for name in [
+        "cohort.toml",
+        "patients/04-CoA/pressure.csv",
+        "patients/04-CoA/volume.csv",
+    ] {
+        std::fs::copy(cohort.join(name), folder.path().join("misspelt").join(name)).unwrap();
+    }
+    let patient = std::fs::read_to_string(patient.join("patient.toml")).unwrap();
+    let patient = patient.replace("wall_volume_mL", "wall_volum_mL");
+    std::fs::write(misspelt.join("patient.toml"), patient).unwrap();
     let shown = shown();
-    assert!(shown.len() >= 4, "{}", shown.len());
+    assert!(shown.len() >= 7, "{}", shown.len());
     for block in shown {
         let arguments: Vec<&str> = block.command.split_whitespace().collect();
         let output = command(folder.path(), &arguments).output().unwrap();

@@ -1,4 +1,4 @@
-//! Damaged files: every reader refuses them or reads them, without a panic, within 2 GiB of memory and
+//! Damaged files: every reader refuses them or reads them, without a panic, within 1 GiB of memory and
 //! within 10 s each.
 //!
 //! The files are read in a child process of this program under a limit of its address space, so that a
@@ -17,7 +17,7 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 /// Longest time for one file. A damaged count must not make a reader go on for ever.
 const LONGEST: Duration = Duration::from_secs(10);
 /// Address space in which every file is read.
-const MEMORY_BYTES: u64 = 2 << 30;
+const MEMORY_BYTES: u64 = 1 << 30;
 /// Name of the variable that tells the child how often each file is damaged.
 const CHILD: &str = "CARDIOTWIN_DAMAGED_ROUNDS";
 /// Exit code of a child in which one file took too long.

@@ -468,8 +468,14 @@ fn kind_17_arrays_of_other_programs_are_read_or_named() {
     std::fs::write(&renamed, known.replace("\"fiber\"", "\"muscle axes\"")).unwrap();
     let found = intake::read(&renamed, &for_muscle(Fibres::Auto)).unwrap();
     let told: Vec<String> = found.defects.iter().map(ToString::to_string).collect();
-    assert!(found.mesh.frames.is_empty() && found.is_sound(), "{told:#?}");
-    assert!(told.iter().any(|told| told.contains("`muscle axes`")), "{told:#?}");
+    assert!(
+        found.mesh.frames.is_empty() && found.is_sound(),
+        "{told:#?}"
+    );
+    assert!(
+        told.iter().any(|told| told.contains("`muscle axes`")),
+        "{told:#?}"
+    );
     let asked_for_the_rule = intake::read(&renamed, &for_muscle(Fibres::Rule)).unwrap();
     assert!(!has(&asked_for_the_rule, "unread-directions"));
     let told = mesh(

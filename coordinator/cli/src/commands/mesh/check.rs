@@ -88,8 +88,8 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
         sprung: &[],
     };
     let file = &args.source.file;
-    let intake = intake::read(file, &asked)
-        .map_err(|error| CliError::Mesh(Box::new(error.into())))?;
+    let intake =
+        intake::read(file, &asked).map_err(|error| CliError::Mesh(Box::new(error.into())))?;
     tell(&intake, file, args.json, talk)
 }
 

@@ -15,8 +15,43 @@ use super::indices::{Traces, indices};
 use crate::error::CliError;
 use crate::ventricle::AskedFor;
 
-/// 5th and 95th percentile of the relative changes, by index.
-pub type Bands = BTreeMap<&'static str, [f64; 2]>;
+/// Interval of the relative change of an index over the draws.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// 5th percentile.
+    pub low: f64,
+    /// Median.
+    pub median: f64,
+    /// 95th percentile.
+    pub high: f64,
+}
+
+impl Interval {
+    fn of(mut changes: Vec<f64>) -> Self {
+        changes.sort_by(f64::total_cmp);
+        let at = |share| quantile_of(&changes, share);
+        Self {
+            low: at(0.05),
+            median: at(0.5),
+            high: at(0.95),
+        }
+    }
+
+    /// Whether the draws have a change like this one.
+    pub fn contains(&self, change: f64) -> bool {
+        (self.low..=self.high).contains(&change)
+    }
+
+    /// The interval moved so that its median is `change`. The draws say how uncertain a change is; the twin says
+    /// how large it is, because the twin fits the measurements that a user sees beside it.
+    pub fn around(&self, change: f64) -> [f64; 2] {
+        let shift = change - self.median;
+        [self.low + shift, self.high + shift]
+    }
+}
+
+/// Intervals of the relative changes by index.
+pub type Bands = BTreeMap<&'static str, Interval>;
 /// Indices of one beat by name.
 type Indices = Vec<(&'static str, f64)>;
 /// Least number of draws with a successful beat from which a band is computed.
@@ -93,11 +128,8 @@ pub fn of(
         .into_iter()
         .flatten()
         .for_each(|(name, value)| values.entry(name).or_default().push(value));
-    let band = |(name, mut values): (&'static str, Vec<f64>)| {
-        values.sort_by(f64::total_cmp);
-        (name, [0.05, 0.95].map(|share| quantile_of(&values, share)))
-    };
-    Ok(values.into_iter().map(band).collect())
+    let interval = |(name, values): (&'static str, Vec<f64>)| (name, Interval::of(values));
+    Ok(values.into_iter().map(interval).collect())
 }
 
 /// Relative standard deviations of a beat that the law has not seen, by index: the mean absolute
@@ -145,4 +177,18 @@ fn changes_of(before: &Indices, after: &Indices) -> Indices {
         Some((*name, (after - before) / before)).filter(|(_, change)| change.is_finite())
     };
     before.iter().filter_map(change).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_interval_moves_with_the_change_and_keeps_its_sides() {
+        let interval = Interval::of((0..=100).map(|k| f64::from(k * k) * 1e-4).collect());
+        assert!(interval.contains(0.25) && !interval.contains(0.95));
+        let [low, high] = interval.around(-0.1);
+        assert!((low - (-0.1 + 0.0025 - 0.25)).abs() < 1e-12, "{low}");
+        assert!((high - (-0.1 + 0.9025 - 0.25)).abs() < 1e-12, "{high}");
+    }
 }

@@ -236,16 +236,21 @@ fn predict(
         &of(&result_before, &traces_before, &before),
         &of(&result_after, &traces_after, &after),
     );
-    // Bands are changes of the twin's own value, as the prediction is. They include it, because the
-    // twin's parameters serve the measurements, too, where the draws lie to one side of them.
+    let mut unlike = Vec::new();
     for index in &mut indices {
-        index.band = bands
+        let Some(((interval, twin), change)) = bands
             .get(index.name)
-            .zip(index.twin.zip(index.predicted))
-            .map(|(band, (twin, predicted))| {
-                let [a, b] = band.map(|change| twin * (1.0 + change));
-                [a.min(b).min(predicted), a.max(b).max(predicted)]
-            });
+            .zip(index.twin)
+            .zip(index.relative_change)
+        else {
+            continue;
+        };
+        let [a, b] = interval.around(change).map(|c| twin * (1.0 + c));
+        // The order turns where the index is negative.
+        index.band = Some([a.min(b), a.max(b)]);
+        if !interval.contains(change) {
+            unlike.push(index.name);
+        }
     }
     let mut remarks: Vec<String> = changes
         .iter()
@@ -261,6 +266,12 @@ fn predict(
     }
     if let Some(doubt) = posterior.and_then(|posterior| posterior.sampling.doubt()) {
         remarks.push(format!("the intervals are only a rough estimate: {doubt}"));
+    }
+    if !unlike.is_empty() {
+        remarks.push(format!(
+            "the twin's change of {} is outside of its draws' 90 % interval, which is moved to the twin's change",
+            unlike.join(", ")
+        ));
     }
     for (word, result) in [("before", &result_before), ("after", &result_after)] {
         if let Some(check) = result.failed_check() {

@@ -13,8 +13,8 @@ pub struct Predicted {
     pub relative_change: Option<f64>,
     /// The twin's value with `relative_change` applied.
     pub predicted: Option<f64>,
-    /// 5th and 95th percentile of the predictions on draws of the twin's posterior, which include
-    /// `predicted`; `None` without enough draws.
+    /// 5th and 95th percentile of the changes of draws of the twin's posterior, moved so that `predicted`
+    /// is their median; `None` without enough draws.
     pub band: Option<[f64; 2]>,
     /// Value in the periodic state of the simulated ventricle before the change.
     pub simulated_before: Option<f64>,
