@@ -506,7 +506,7 @@ HELD = {"step 1": BIOMARKERS, "verification": ["P_max", "SV"], "step 3": BIOMARK
 
 
 def twins(page):
-    test = "`tests/e2e/finite_element.rs`: two patients, 500 nodes"
+    test = "`tests/e2e/finite_element.rs`"
     for fidelity, title in FIDELITIES.items():
         rows = page.rows(f"twins-{fidelity}.csv")
         table = [f"| {title} | " + " | ".join(BIOMARKERS) + " | rms P, mmHg | rms V, mL |", "|---|" + "---|" * 7]
