@@ -47,23 +47,18 @@ fn index() -> String {
     let mut text = format!(
         "# Effects beyond the base model\n\n\
          What the base model ([models.md](../models.md)) lacks, as components that can be added to it alone or together.\n\
-         Each page has the effect's meaning, parameters, marks, rivals, deciding measurements, and its form in the finite-element ventricle.\n\
+         Pictures show a periodic beat of the typical base model without the effect (dashed) and with it (solid).\n\
          The pages are made from the catalogue's declarations (`solver/models/src/effects/`) by `{COMMAND}`; \
          a test checks that they are current.\n\n\
-         | effect | kind | strength | unit | off | smallest | plausible | meaning |\n| --- | --- | --- | --- | --- | --- | --- | --- |\n"
+         | effect | kind | strength | meaning |\n| --- | --- | --- | --- |\n"
     );
     for effect in CATALOGUE {
-        let p = effect.strength();
         let _ = writeln!(
             text,
-            "| [{0}]({0}.md) | {1} | `{2}` | {3} | {4} | {5} | {6} | {7} |",
+            "| [{0}]({0}.md) | {1} | `{2}` | {3} |",
             effect.name,
             kind(effect),
-            p.name,
-            p.unit,
-            p.off.map_or("none".to_owned(), number),
-            number(p.smallest),
-            range(p),
+            effect.strength().name,
             effect.meaning
         );
     }
@@ -93,7 +88,6 @@ fn range(p: &Parameter) -> String {
 fn page(effect: &Effect) -> String {
     let mut text = format!(
         "# {0}\n\n{1}: {2}\n\n```\n{3}\n```\n\nSource: {4}.\n\n![{0} on and off]({0}.svg)\n\n\
-         Periodic beat of the typical base model without the effect (dashed) and with it (solid).\n\n\
          ## Parameters\n\n| name | unit | meaning | plausible | off | smallest to be named | typical | prior sd | in a fit |\n\
          | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
         effect.name,
@@ -127,13 +121,13 @@ fn page(effect: &Effect) -> String {
     }
     let _ = write!(
         text,
-        "\n## Where it shows\n\nAgainst a refitted base model: {}.\n\nSwitched on, everything else equal:\n\n| phase | signal | moves |\n| --- | --- | --- |\n",
+        "\n## Where it shows\n\nAgainst a refitted base model: {}.\n\nSwitched on, everything else equal:\n\n",
         effect.signature
     );
     for mark in effect.marks {
         let _ = writeln!(
             text,
-            "| {} | {} | {} |",
+            "- {}: {} {}",
             phase(mark.phase),
             signal(mark.signal),
             if mark.sign == Sign::Up { "up" } else { "down" }
