@@ -13,8 +13,6 @@ import html
 import json
 import os
 import re
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -23,128 +21,21 @@ import pytest
 np = pytest.importorskip("numpy")
 sys.path.insert(0, str(Path(__file__).parent))
 import recomputed as mine  # noqa: E402
-
-ROOT = Path(__file__).parents[2]
-TOLERANCES = {"P_max": 5.0, "dPdt_max": 15.0, "dPdt_min": 15.0, "PTD90": 3.0, "SV": 5.0}
-TABLE_2 = {
-    "P_max": "P_max_mmHg",
-    "dPdt_max": "dPdt_max_mmHg_per_ms",
-    "dPdt_min": "dPdt_min_mmHg_per_ms",
-    "PTD90": "PTD90_ms",
-    "SV": "SV_mL",
-}
-BIOMARKERS = (*TABLE_2.values(), "tau_VD_ms", "tau_VR_ms", "EDV_mL", "ESV_mL", "EDP_mmHg", "end_of_beat_gap_mL")
-QUICK, LONG = ["quick"], ["whole", "own-mesh", "both-ventricles", "failing"]
-SMALL = ("--set", "solver.time_step_ms=2", "--set", "step1.max_iterations=1", "--vtu-every", "2")
-# Forty draws are the fewest.
-DRAWS, NO_DRAWS = ("--set", "posterior.draws=40"), ("--set", "posterior.enabled=false")
-
-
-def kinds():
-    if os.environ.get("CARDIOTWIN_RUN"):
-        return ["given"]
-    return QUICK + (LONG if os.environ.get("CARDIOTWIN_OPINION") == "all" else [])
-
-
-def program():
-    named = os.environ.get("CARDIOTWIN") or shutil.which("cardiotwin")
-    if not named:
-        pytest.skip("no cardiotwin: name it in CARDIOTWIN")
-    return str(Path(named).resolve())
-
-
-def call(*arguments, accept=(0,)):
-    done = subprocess.run([program(), *map(str, arguments)], capture_output=True, text=True, check=False)
-    assert done.returncode in accept, (arguments, done.returncode, done.stderr)
-    return done.stdout
-
-
-class Case:
-    """A cohort that has run, and what the program says about it."""
-
-    def __init__(self, kind, folder):
-        self.kind, self.folder = kind, folder
-        names = sorted(path.name for path in (folder / "patients").iterdir() if (path / "patient.toml").is_file())
-        self.shown = {name: json.loads(call("show", name, "--cohort", folder, "--json")) for name in names}
-        self.exported = folder / "exported"
-        call("export", folder, "--out", self.exported, "--opencarp", "--ro-crate")
-        call("report", folder, accept=(0, 7))
-        self.report = (folder / "run/report.html").read_text(encoding="utf-8")
-        self.tables = {
-            name: json.loads((self.exported / f"{name}.json").read_text(encoding="utf-8"))
-            for name in ("table_1", "table_2", "table_A6", "table_A7")
-        }
-
-    def mesh(self, name):
-        """The patient's mesh, of the export for openCARP; none for a reduced ventricle."""
-        folder = self.exported / "opencarp" / name
-        return mine.Mesh(folder) if (folder / "heart.pts").is_file() else None
-
-    def section(self, name):
-        """The patient's part of the report."""
-        begin = self.report.index(f'id="p-{name}"')
-        end = self.report.find("<section", begin)
-        return self.report[begin : end if end > 0 else None]
-
-
-def cohort(kind, folder):
-    """Makes and runs a cohort of a kind."""
-    call("init", folder)
-    shutil.rmtree(folder / "patients")
-    (folder / "patients").mkdir()
-
-    def bundled(*names):
-        for name in names:
-            shutil.copytree(ROOT / "examples/coa-seven/patients" / name, folder / "patients" / name)
-
-    def run(*options, accept=(0, 7)):
-        # 7: done, but a twin is off
-        told = call("run", folder, "--no-report", *options, accept=accept)
-        (folder / "told.txt").write_text(told, encoding="utf-8")
-
-    def settings(name, text):
-        file = folder / "patients" / name / "patient.toml"
-        file.write_text(file.read_text(encoding="utf-8") + f"\n[settings]\n{text}\n", encoding="utf-8")
-
-    if kind == "quick":
-        # One is reduced and has a posterior, one is on a mesh and has step 2's fit in the organ.
-        bundled("01-CoA", "05-CoA")
-        settings("01-CoA", 'solver = { fidelity = "reduced" }\nstep3 = { max_iterations = 1 }')
-        settings("05-CoA", "posterior = { enabled = false }\nstep3 = { max_iterations = 0 }")
-        run("--mesh-nodes", "500", *SMALL, *DRAWS)
-    elif kind == "whole":
-        bundled("01-CoA")
-        run("--mesh-nodes", "500", *SMALL, *DRAWS)
-    elif kind == "own-mesh":
-        bundled("02-CoA")
-        run("--mesh-nodes", "500", *SMALL, "--set", "verification.enabled=false")
-        call("export", folder, "--opencarp", "--out", folder / "generated")
-        heart = folder / "generated/opencarp/02-CoA"
-        patient = folder / "patients/02-CoA"
-        for file in [*heart.glob("heart.*"), heart / "activation.dat"]:
-            if file.name != "heart.unloaded.pts":
-                shutil.copy(file, patient)
-        with open(patient / "patient.toml", "a", encoding="utf-8") as text:
-            text.write('\n[anatomy.mesh]\nfile = "heart"\nunit = "um"\nleft_ventricle = [1]\nfibres = "mesh"\n')
-            text.write('activation_times_ms = "activation.dat"\n')
-        shutil.rmtree(folder / "run")
-        run(*SMALL, *NO_DRAWS, "--set", "step3.max_iterations=0")
-    elif kind == "both-ventricles":
-        patient = folder / "patients/BIV"
-        patient.mkdir()
-        shutil.copy(ROOT / "examples/coa-seven/patients/01-CoA/pressure.csv", patient)
-        for file in (ROOT / "examples/meshes/ambit_biv").glob("ambit_biv.*"):
-            shutil.copy(file, patient)
-        page = (ROOT / "docs/own-anatomy.md").read_text(encoding="utf-8")
-        text = re.search(r"cat > anatomy/patients/BIV/patient.toml <<'END'\n(.*?)\nEND\n", page, re.DOTALL)[1]
-        (patient / "patient.toml").write_text(text, encoding="utf-8")
-        run(*SMALL, *NO_DRAWS, "--set", "step3.max_iterations=0")
-    elif kind == "failing":
-        shutil.rmtree(folder)
-        shutil.copytree(ROOT / "examples/early-end", folder)
-        # 1: the verification beat fails, too
-        run(*NO_DRAWS, "--set", "step3.max_iterations=0", accept=(1,))
-    return folder
+from opinion import (  # noqa: E402
+    BIOMARKERS,
+    TABLE_2,
+    TOLERANCES,
+    Case,
+    beats,
+    call,
+    cohort,
+    directory,
+    kinds,
+    measured,
+    recomputed_beat,
+    same,
+    simulations,
+)
 
 
 @pytest.fixture(scope="module", params=kinds())
@@ -152,53 +43,6 @@ def case(request, tmp_path_factory):
     if request.param == "given":
         return Case("given", Path(os.environ["CARDIOTWIN_RUN"]))
     return Case(request.param, cohort(request.param, tmp_path_factory.mktemp("opinion") / "cohort"))
-
-
-def simulations(patient):
-    """Name and record of each simulated beat."""
-    for iteration in patient["iterations"]:
-        if iteration.get("run"):
-            yield f"step 1, {iteration['number']}", iteration["run"]
-    if patient.get("verification"):
-        yield "verification", patient["verification"]
-    for iteration in patient.get("step3_iterations") or []:
-        if iteration.get("run"):
-            yield f"step 3, {iteration['number']}", iteration["run"]
-
-
-def beats(patient):
-    """The beat that represents each step in tables."""
-    found = {}
-    if patient.get("step1"):
-        number = patient["step1"]["best_iteration"]
-        found["step1"] = next(i["run"] for i in patient["iterations"] if i["number"] == number)
-    if patient.get("verification"):
-        found["step2"] = patient["verification"]
-    if patient.get("step3"):
-        best = patient["step3"]["best_iteration"]
-        found["step3"] = patient["step3_iterations"][best - 1]["run"] if best else patient["verification"]
-    return {step: beat for step, beat in found.items() if beat}
-
-
-def directory(record):
-    return Path(record["directory"])
-
-
-def recomputed_beat(patient, record):
-    """Biomarkers and times of a simulated beat, from its traces."""
-    traces = mine.columns(directory(record) / "traces.csv")
-    t = traces["time_ms"]
-    edv = measured(patient).get("EDV_mL")
-    return mine.biomarkers((t, traces["pressure_mmHg"]), (t, traces["volume_mL"]), edv)
-
-
-def measured(patient):
-    return {key: value for key, value in patient["step0"]["result"]["measured"].items() if value is not None}
-
-
-def same(told, own, where, rel=1e-4, low=1e-4):
-    """Files have nine digits, so rates of pressure have some five."""
-    assert told == pytest.approx(own, rel=rel, abs=low), where
 
 
 def test_biomarkers_of_each_simulated_beat(case):
@@ -673,6 +517,76 @@ def test_the_reports_intervals(case):
             n += 1
     if n == 0:
         pytest.skip("no posterior")
+
+
+def test_the_posteriors_bands_and_spreads(case):
+    """Each draw is simulated again by itself."""
+    n = 0
+    for name, patient in case.shown.items():
+        # In 3D a draw's beat is the organ's law's, which `simulate` does not run.
+        if not patient.get("posterior") or case.mesh(name):
+            continue
+        told, cycle = patient["posterior"]["result"], patient["plan"]["step0"]["cycle_length_ms"]
+        spreads, curves = [], {"pressure_mmHg": [], "volume_mL": []}
+        for draw in told["draws"]:
+            sets = [f"--set={key}={value!r}" for key, value in zip(told["parameters"], draw, strict=True)]
+            beat = json.loads(call("simulate", name, "--cohort", case.folder, "--cell", "--json", *sets))["traces"]
+            t, pressure, volume = (np.array(beat[key]) for key in ("time_ms", *curves))
+            spreads.append(mine.biomarkers((t, pressure), (t, volume), measured(patient).get("EDV_mL")))
+            at = np.arange(len(told["pressure_mmHg"]["p5"])) * cycle / len(told["pressure_mmHg"]["p5"])
+            curves["pressure_mmHg"].append(np.interp(at, t, pressure))
+            curves["volume_mL"].append(np.interp(at, t, volume))
+        # The posterior's beats take steps of 2 ms.
+        for key, band in told["biomarkers"].items():
+            values = [spread[key] for spread in spreads]
+            for p in (5, 50, 95):
+                same(band[f"p{p}"], mine.quantile(values, p / 100), (name, key, p), rel=0.01, low=0.3)
+                n += 1
+        for key, own in curves.items():
+            for p in (5, 50, 95):
+                told_at = np.array(told[key][f"p{p}"])
+                own_at = np.array([mine.quantile(values, p / 100) for values in np.array(own).T])
+                assert np.sqrt(np.mean((told_at - own_at) ** 2)) < 1.0, (name, key, p)
+                n += 1
+    if n == 0:
+        pytest.skip("no reduced patient with a posterior")
+
+
+def test_predictions_are_the_twins_value_times_the_change(case):
+    change = "peripheral_resistance_mmHg_s_per_mL"
+    for name, patient in case.shown.items():
+        twin = beats(patient).get("step3") or beats(patient).get("step2")
+        if not twin or patient["plan"]["step0"].get("fidelity") == "external":
+            continue
+        out = case.folder / "predicted"
+        arguments = ("predict", name, "--cohort", case.folder, "--set", f"{change}=-20%", "--out", out, "--json")
+        [told] = json.loads(call(*arguments, accept=(0, 1)))["predictions"]
+        [changed] = told["changes"]
+        same(changed["after"], 0.8 * changed["before"], (name, change), rel=1e-9)
+        own, indices = recomputed_beat(patient, twin), {index["name"]: index for index in told["indices"]}
+        for key, index in indices.items():
+            if key in own and index["twin"] is not None:
+                same(index["twin"], own[key], (name, key), rel=2e-4)
+            if index["predicted"] is None:
+                continue
+            before, after = index["simulated_before"], index["simulated_after"]
+            same(index["relative_change"], after / before - 1, (name, key, "change"), rel=1e-6, low=1e-9)
+            same(index["predicted"], index["twin"] * after / before, (name, key, "predicted"), rel=1e-6)
+            assert (index.get("band") is not None) == bool(patient.get("posterior")), (name, key)
+            if index.get("band"):
+                low, high = index["band"]
+                assert low <= index["predicted"] <= high, (name, key, index)
+        # The files draw what the table says.
+        shown = mine.columns(out / f"{name}-before.csv")
+        traces = mine.columns(directory(twin) / "traces.csv")
+        assert np.allclose(shown["pressure_mmHg"], traces["pressure_mmHg"]), name
+        predicted = mine.columns(out / f"{name}-after.csv")
+        for key, value in (
+            ("P_max_mmHg", predicted["pressure_mmHg"].max()),
+            ("EDV_mL", predicted["volume_mL"][0]),
+            ("ESV_mL", predicted["volume_mL"].min()),
+        ):
+            same(indices[key]["predicted"], value, (name, key, "of the curve"), rel=2e-3)
 
 
 def test_the_reports_sentences(case):
