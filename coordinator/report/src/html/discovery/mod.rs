@@ -14,7 +14,7 @@ use super::page::{page, write};
 use super::plot::stacked;
 use crate::results::WriteError;
 use crate::results::discovery::finite_element::rms_of;
-use crate::results::discovery::paragraph::p_in_words;
+use crate::results::discovery::paragraph::{is_confirmed, p_in_words};
 use crate::results::discovery::words;
 use tables::verdict;
 
@@ -190,6 +190,9 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
         found.findings.gap_heldout_before,
         found.findings.gap_heldout_after,
     ) {
+        (Some(before), Some(after)) if !is_confirmed(before, after) => {
+            format!("; not confirmed on held-out data, {before:.2} to {after:.2}")
+        }
         (Some(before), Some(after)) => format!("; on held-out data {before:.2} to {after:.2}"),
         _ => String::new(),
     };
@@ -324,5 +327,13 @@ mod tests {
             assert!(svg.contains(part), "{part} is not in {svg}");
         }
         assert!(svg.starts_with("<svg xmlns") && !svg.contains("var("));
+        let mut unconfirmed = case("P1", kick());
+        let found = unconfirmed.found.findings.gap_heldout_before;
+        unconfirmed.found.findings.gap_heldout_after = found;
+        let svg = discovery_svg(&unconfirmed).unwrap();
+        assert!(
+            svg.contains("not confirmed on held-out data, 1.72 to 1.72"),
+            "{svg}"
+        );
     }
 }

@@ -103,12 +103,17 @@ fn named(found: &Discovered, names: &[String]) -> Vec<String> {
     sentences
 }
 
+/// Whether an effect reduces the gap on held-out data, too, from `before` to `after`.
+pub fn is_confirmed(before: f64, after: f64) -> bool {
+    after <= (1.0 - CONFIRMED) * before
+}
+
 /// How far model and data are apart without and with the effects.
 fn gap(found: &Discovered) -> String {
     let findings = &found.findings;
     let held = match (findings.gap_heldout_before, findings.gap_heldout_after) {
         // What does not reduce the gap on data that it was not fitted to may only follow their noise.
-        (Some(before), Some(after)) if after > (1.0 - CONFIRMED) * before => {
+        (Some(before), Some(after)) if !is_confirmed(before, after) => {
             format!(
                 "; held-out data do not confirm it ({before:.2} without and {after:.2} with it)"
             )
