@@ -1,6 +1,8 @@
 //! Output that pages show below `$ cardiotwin …` is what the command prints.
 
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
+use std::process::Stdio;
 
 use crate::support::{cardiotwin, command};
 
@@ -102,6 +104,7 @@ fn output_on_pages_is_what_the_commands_print() {
     cardiotwin(folder.path(), &["run", "my-cohort", "--no-report"]).expect(0);
     let rerun = "rerun 04-CoA --from step1 --damping 0.5 --cohort my-cohort";
     cardiotwin(folder.path(), &rerun.split(' ').collect::<Vec<_>>()).expect(0);
+    the_dashboard_prints_what_its_page_shows(folder.path());
     let misspelt = folder.path().join("misspelt/patients/04-CoA");
     std::fs::create_dir_all(&misspelt).unwrap();
     for name in [
@@ -130,4 +133,37 @@ fn output_on_pages_is_what_the_commands_print() {
             String::from_utf8_lossy(&output.stderr)
         );
     }
+}
+
+/// The dashboard goes on until Ctrl-C, so its words are read while it runs. Port and token differ each time.
+fn the_dashboard_prints_what_its_page_shows(folder: &Path) {
+    let page = std::fs::read_to_string(root().join("docs/dashboard.md")).unwrap();
+    let mut shown = page
+        .lines()
+        .skip_while(|line| !line.starts_with("http://127.0.0.1:"))
+        .take_while(|line| *line != "```");
+    let (address, hint) = (shown.next().unwrap(), shown.next().unwrap());
+    let mut dashboard = command(folder, &["dashboard", "my-cohort"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let first = |stream: &mut dyn Read| {
+        let mut line = String::new();
+        BufReader::new(stream).read_line(&mut line).unwrap();
+        line.trim_end().to_owned()
+    };
+    let printed = first(dashboard.stdout.as_mut().unwrap());
+    let said = first(dashboard.stderr.as_mut().unwrap());
+    dashboard.kill().unwrap();
+    dashboard.wait().unwrap();
+    let kind = |address: &str| {
+        let (host, token) = address.split_once("/?token=").expect("a token");
+        (
+            host.rsplit_once(':').map(|(host, _)| host.to_owned()),
+            token.is_empty(),
+        )
+    };
+    assert_eq!(kind(&printed), kind(address), "{printed}");
+    assert_eq!(said, hint);
 }
