@@ -1,0 +1,48 @@
+"""Tables for notebooks."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+
+def number(value: object) -> str:
+    """A value as a short text: four digits of a number, nothing for a missing one."""
+    if value is None or value != value:  # NaN
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:
+    """A table with escaped cells."""
+    names = "".join(f"<th>{html.escape(name)}</th>" for name in head)
+    body = "".join(f"<tr>{''.join(f'<td>{html.escape(number(cell))}</td>' for cell in row)}</tr>" for row in rows)
+    said = f"<caption>{html.escape(caption)}</caption>" if caption else ""
+    return f"<table>{said}<thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def aligned(rows: Iterable[Sequence[object]]) -> str:
+    """The same for a terminal: columns by width, without a head."""
+    texts = [[number(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in texts
+    )
+
+
+_STATUS = {
+    "patient": "patient",
+    "step": "step",
+    "state": "state",
+    "step1_cost": "cost of step 1",
+    "step2_cost": "cost of step 2",
+    "note": "note",
+}
+
+
+def status_table(status: Mapping[str, Any]) -> str:
+    """The table of a run's status, a row for each patient."""
+    counts = ", ".join(f"{n} {state}" for state, n in status["counts"].items() if n)
+    rows = [[patient.get(key) for key in _STATUS] for patient in status["patients"]]
+    return table(list(_STATUS.values()), rows, f"{status['cohort']}: {counts}")
