@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from cardiotwin._changes import Change
 from cardiotwin._errors import UsageError, without_folder
 from cardiotwin._extras import needs
+from cardiotwin._html import picture
 from cardiotwin._measurements import Arrays, Measurements, made
 from cardiotwin._models import Ventricle
 from cardiotwin._names import HelpfulAttributes
@@ -72,7 +73,8 @@ class Discovery(HelpfulAttributes):
         return str(self.answer["summary"])
 
     def _repr_html_(self) -> str:
-        return f"<p>{html.escape(self.summary)}</p>{self.figure}"
+        figure = picture(self.figure, "measured and simulated traces") if self.figure else ""
+        return f"<p>{html.escape(self.summary)}</p>{figure}"
 
     def __repr__(self) -> str:
         return self.summary

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -28,6 +29,15 @@ def aligned(rows: Iterable[Sequence[object]]) -> str:
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in texts
+    )
+
+
+def picture(svg: str, words: str) -> str:
+    """An SVG document as an image: its style sheet would reach the whole page of a notebook otherwise."""
+    data = base64.b64encode(svg.encode()).decode()
+    return (
+        f'<img alt="{html.escape(words)}" style="max-width: 100%; background: white" '
+        f'src="data:image/svg+xml;base64,{data}">'
     )
 
 

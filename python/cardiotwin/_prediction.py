@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cardiotwin._errors import UnknownNameError
 from cardiotwin._extras import needs
-from cardiotwin._html import aligned, number, table
+from cardiotwin._html import aligned, number, picture, table
 from cardiotwin._names import unit_of, unknown
 from cardiotwin._values import Traces
 
@@ -137,7 +137,7 @@ class Prediction(Mapping[str, Predicted]):
     def _repr_html_(self) -> str:
         head = ["", "unit", "twin", "change", "predicted", "90 % interval"]
         remarks = "".join(f"<p>{html.escape(remark)}</p>" for remark in self.remarks)
-        return table(head, self._rows(), self._said()) + remarks + self.figure
+        return table(head, self._rows(), self._said()) + remarks + picture(self.figure, self._said())
 
     def __repr__(self) -> str:
         return "\n".join([self._said(), aligned(self._rows()), *self.remarks])

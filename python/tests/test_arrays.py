@@ -83,7 +83,7 @@ def test_a_search_of_arrays_leaves_no_file(temporary: Path) -> None:
         effects=["atrial_kick"],
         seed=1,
     )
-    assert "atrial kick" in found.summary and "<svg" in found._repr_html_()
+    assert "atrial kick" in found.summary and "<svg" in found.figure and "data:image/svg+xml" in found._repr_html_()
     assert not list(temporary.iterdir())
 
 

@@ -65,7 +65,12 @@ def test_a_prediction_has_values_bands_and_traces(twin: cardiotwin.Twin, folder:
     for traces, peak in ((stent.before, stent["P_max_mmHg"].twin), (stent.after, stent["P_max_mmHg"].predicted)):
         assert traces["pressure_mmHg"].max() == pytest.approx(peak, rel=1e-2)
     assert stent.before["pressure_mmHg"] == pytest.approx(twin.traces["pressure_mmHg"])
-    assert "SV_mL" in repr(stent) and "<svg" in stent._repr_html_() and stent.periodic
+    assert (
+        "SV_mL" in repr(stent)
+        and "data:image/svg+xml" in stent._repr_html_()
+        and "<svg" in stent.figure
+        and stent.periodic
+    )
     quick = twin.predict({"compliance_mL_per_mmHg": 1.5}, cycle_length="-5 %", band=False)
     assert len(quick.changes) == 2 and np.isnan(quick["SV_mL"].p5)
     assert any("force-frequency" in remark for remark in quick.remarks)

@@ -17,7 +17,9 @@ Floats = NDArray[np.float64]
 def lists_where_several_are_meant(cohort: cardiotwin.Cohort) -> None:
     settings: dict[str, list[str] | float | bool] = {"step3.parameters": ["n_Tm", "phi"], "step2.seed": 2}
     run = cohort.run(patients=["01-CoA"], settings=settings)
-    cohort.run(patients={"01-CoA", "03-CoA"}, settings={"step2.bounds.n_Tm": [4, 6], "workflow.until": "step2-verification"})
+    cohort.run(
+        patients={"01-CoA", "03-CoA"}, settings={"step2.bounds.n_Tm": [4, 6], "workflow.until": "step2-verification"}
+    )
     options = ["--parquet"]
     run.export("tables", *options)
     cardiotwin.call(*["check", "my-cohort"], accept=[0, 1])
