@@ -32,6 +32,8 @@ wheel=("$folder"/dist/cardiotwin-*.whl)
 began=$(date +%s)
 "$folder/env/bin/pip" install --quiet "${wheel[0]}"
 echo "installed in $(($(date +%s) - began)) s: $("$folder/env/bin/cardiotwin" --version)"
+# With NumPy alone.
+(cd "$folder" && env/bin/python -c 'import cardiotwin; assert cardiotwin.Ventricle.average().beat().biomarkers.SV_mL > 0')
 "$folder/env/bin/pip" install --quiet "${wheel[0]}[$extras]" "pytest>=8" "ruff>=0.8"
 if [ "$extras" != notebooks ]; then
     "$folder/env/bin/ruff" check --quiet --no-cache --config python/pyproject.toml python/cardiotwin python/tests python/benchmarks

@@ -56,5 +56,5 @@ def fit(
     except BaseException:
         shutil.rmtree(place, ignore_errors=True)
         raise
-    weakref.finalize(run, shutil.rmtree, place, ignore_errors=True)
+    weakref.finalize(run.place, shutil.rmtree, place, ignore_errors=True)
     return patient

@@ -16,9 +16,16 @@ def number(value: object) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:
-    """A table with escaped cells."""
-    names = "".join(f"<th>{html.escape(name)}</th>" for name in head)
-    body = "".join(f"<tr>{''.join(f'<td>{html.escape(number(cell))}</td>' for cell in row)}</tr>" for row in rows)
+    """A table with escaped cells: numbers to the right, words to the left under their heads."""
+    rows = list(rows)
+
+    def cell(kind: str, value: object, words: bool) -> str:
+        side = "left" if words else "right"
+        return f'<{kind} style="text-align: {side}">{html.escape(number(value))}</{kind}>'
+
+    words = [all(isinstance(row[column], str) or row[column] is None for row in rows) for column in range(len(head))]
+    names = "".join(cell("th", *pair) for pair in zip(head, words, strict=True))
+    body = "".join(f"<tr>{''.join(cell('td', *pair) for pair in zip(row, words, strict=True))}</tr>" for row in rows)
     said = f"<caption>{html.escape(caption)}</caption>" if caption else ""
     return f"<table>{said}<thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import html
+import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -29,22 +30,49 @@ _SLIP = 0.8
 _MOST_SHOWN = 10
 
 
-class Run(HelpfulAttributes):
-    """Results of a cohort so far."""
+class Place:
+    """Folders of a run. A temporary folder is removed with it."""
 
-    def __init__(self, cohort: Folder, run_dir: Folder | None = None) -> None:
+    def __init__(self, cohort: Folder, run_dir: Folder | None) -> None:
         self.cohort = Path(cohort)
         self.run_dir = Path(run_dir) if run_dir is not None else None
 
-    @property
-    def _place(self) -> list[Folder]:
-        place: list[Folder] = [self.cohort]
+    def options(self, *before: Folder) -> list[Folder]:
+        """The cohort, behind ``before``, and the run's folder where it is another one."""
+        place = [*before, self.cohort]
         return place if self.run_dir is None else [*place, "--run-dir", self.run_dir]
+
+    def status(self) -> dict[str, Any]:
+        """Where the run and each patient stand now."""
+        return call_json("status", *self.options(), "--json")
+
+
+# Without HelpfulAttributes, and with patients in a plain attribute, because IPython evaluates no code to
+# complete `run.patients["`.
+class Run:
+    """Results of a cohort so far."""
+
+    patients: Patients
+    """Results by patient."""
+
+    def __init__(self, cohort: Folder | Place, run_dir: Folder | None = None) -> None:
+        self.place = cohort if isinstance(cohort, Place) else Place(cohort, run_dir)
+        self.patients = Patients(self.place)
+
+    @property
+    def run_dir(self) -> Path | None:
+        """Folder of the run; `None` where it is in the cohort's."""
+        return self.place.run_dir
+
+    @property
+    def cohort(self) -> Path:
+        """Folder of the cohort."""
+        return self.place.cohort
 
     @property
     def status(self) -> dict[str, Any]:
         """Where the run and each patient stand now."""
-        return call_json("status", *self._place, "--json")
+        return self.place.status()
 
     @property
     def table(self) -> pd.DataFrame:
@@ -53,20 +81,15 @@ class Run(HelpfulAttributes):
             import pandas as pd
         return pd.DataFrame(self.status["patients"]).set_index("patient")
 
-    @property
-    def patients(self) -> Patients:
-        """Results by patient."""
-        return Patients(self)
-
     def report(self, out: Folder | None = None) -> Path:
         """Writes the report, one HTML file that needs no network, and returns its path."""
-        arguments = ["report", *self._place, *(["--out", out] if out is not None else [])]
+        arguments = ["report", *self.place.options(), *(["--out", out] if out is not None else [])]
         return Path(call(*arguments).strip())
 
     def export(self, out: Folder, *options: str) -> list[Path]:
         """Writes tables and traces into a folder and returns the files; ``options`` are those of
         ``cardiotwin export``, such as ``--opencarp``."""
-        answer = call_json("export", *self._place, "--out", out, "--json", *options, accept=(0, 1))
+        answer = call_json("export", *self.place.options(), "--out", out, "--json", *options, accept=(0, 1))
         return [Path(file) for file in answer["files"]]
 
     def _repr_html_(self) -> str:
@@ -77,66 +100,74 @@ class Run(HelpfulAttributes):
 
 
 class Patients(HelpfulAttributes, Mapping[str, "Patient"]):
-    """Results by the patient's name, as the run has them now."""
+    """Results by the patient's name, as the run has them whenever they are asked for."""
 
-    def __init__(self, run: Run) -> None:
-        self._run = run
-        self._status = run.status
-        self._states = {patient["patient"]: patient["state"] for patient in self._status["patients"]}
+    def __init__(self, place: Place) -> None:
+        self._place = place
+        self._known: set[str] = set()
+
+    def _states(self) -> dict[str, str]:
+        states = {patient["patient"]: patient["state"] for patient in self._place.status()["patients"]}
+        self._known.update(states)
+        return dict(sorted(states.items()))
 
     def __getitem__(self, name: str) -> Patient:
-        if name not in self._states:
-            raise UnknownNameError(unknown(name, list(self), "the run has", cutoff=_SLIP))
-        return Patient(self._run, name)
+        # A run keeps its patients, so that one that was seen is there.
+        if name not in self._known and name not in (states := self._states()):
+            raise UnknownNameError(unknown(name, states, "the run has", cutoff=_SLIP))
+        return Patient(self._place, name)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(sorted(self._states))
+        return iter(self._states())
 
     def __len__(self) -> int:
-        return len(self._states)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._states
+        return len(self._states())
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self)
 
     def _repr_html_(self) -> str:
-        return status_table(self._status)
+        return status_table(self._place.status())
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{name} ({self._states[name]})" for name in list(self)[:_MOST_SHOWN])
-        more = f", … {len(self) - _MOST_SHOWN} more" if len(self) > _MOST_SHOWN else ""
-        return f"<{len(self)} patients of {self._run.cohort}: {shown}{more}>"
+        states = self._states()
+        shown = ", ".join(f"{name} ({state})" for name, state in list(states.items())[:_MOST_SHOWN])
+        more = f", … {len(states) - _MOST_SHOWN} more" if len(states) > _MOST_SHOWN else ""
+        return f"<{len(states)} patients of {self._place.cohort}: {shown}{more}>"
 
 
 class Patient(HelpfulAttributes):
     """Results of one patient, read once when they are first asked for; `refresh` forgets them."""
 
-    def __init__(self, run: Run, name: str) -> None:
-        self.run = run
+    def __init__(self, place: Place, name: str) -> None:
+        self.place = place
         self.name = name
 
     @property
-    def _place(self) -> list[Folder]:
-        place: list[Folder] = ["--cohort", self.run.cohort]
-        return place if self.run.run_dir is None else [*place, "--run-dir", self.run.run_dir]
+    def run(self) -> Run:
+        """The run that the patient belongs to."""
+        return Run(self.place)
+
+    def _show(self, *options: str) -> str:
+        return call("show", self.name, *self.place.options("--cohort"), *options)
 
     @functools.cached_property
     def tables(self) -> dict[str, Any]:
         """All tables as lists, without pandas (``cardiotwin show --tables``)."""
-        return call_json("show", self.name, *self._place, "--tables")
+        tables: dict[str, Any] = json.loads(self._show("--tables"))
+        return tables
 
     @functools.cached_property
     def record(self) -> dict[str, Any]:
         """All about the patient, with provenance (``cardiotwin show --json``)."""
-        return call_json("show", self.name, *self._place, "--json")
+        record: dict[str, Any] = json.loads(self._show("--json"))
+        return record
 
     def refresh(self) -> Patient:
         """The same patient as the run has it now."""
-        return Patient(self.run, self.name)
+        return Patient(self.place, self.name)
 
-    @functools.cached_property
+    @property
     def twin(self) -> Twin:
         """The personalised ventricle: values, posterior, predictions. Raises `StoreError` before there is one."""
         return Twin(self)
@@ -250,7 +281,7 @@ class Patient(HelpfulAttributes):
         return pyvista.PVDReader(file)
 
     def _repr_html_(self) -> str:
-        page = call("show", self.name, *self._place, "--html")
+        page = self._show("--html")
         return f'<iframe srcdoc="{html.escape(page)}" width="100%" height="640" style="border:0"></iframe>'
 
     def __repr__(self) -> str:

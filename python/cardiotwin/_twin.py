@@ -117,8 +117,8 @@ class Twin(HelpfulAttributes):
             beats=beats,
             in_3d=in_3d,
             band=band,
-            cohort=self._cohort,
-            run_dir=self.patient.run.run_dir,
+            cohort=self.patient.place.cohort,
+            run_dir=self.patient.place.run_dir,
         )
 
     def beat(
@@ -141,13 +141,9 @@ class Twin(HelpfulAttributes):
             set={**own, **asked},
             beats=beats,
             cell=True,
-            cohort=self._cohort,
-            run_dir=self.patient.run.run_dir,
+            cohort=self.patient.place.cohort,
+            run_dir=self.patient.place.run_dir,
         )
-
-    @property
-    def _cohort(self) -> Any:
-        return self.patient.run.cohort
 
     def _said(self) -> str:
         words = "personalised" if self.personalised else "not personalised"

@@ -10,6 +10,7 @@ import os
 import re
 from pathlib import Path
 
+import cardiotwin
 import nbformat
 import pytest
 from nbclient import NotebookClient
@@ -48,6 +49,14 @@ def test_notebook(path: Path, tmp_path: Path) -> None:
         svg = base64.b64decode(figure).decode()
         (kept / f"{path.stem}-{number}.svg").write_text(svg, encoding="utf-8")
         assert svg.count("<path") >= 4
+
+
+def test_names_of_patients_are_completed(run: cardiotwin.Run) -> None:
+    """As in a notebook's cell, whose completer runs no code of its own accord."""
+    from IPython.core.completer import IPCompleter
+
+    found = IPCompleter(namespace={"run": run}).complete('run.patients["0')[1]
+    assert found == ['run.patients["01-CoA', 'run.patients["03-CoA']
 
 
 def shades(file: Path) -> int:

@@ -25,8 +25,8 @@ def test_patients_are_a_mapping(run: cardiotwin.Run, elsewhere: Path) -> None:
     assert patients._repr_html_().count("<tr>") == 3
     with pytest.raises(cardiotwin.UnknownNameError, match=r"^1-CoA: did you mean 01-CoA\?$"):
         patients["1-CoA"]
-    with pytest.raises(AttributeError, match=r"^Run has no attribute pateints: did you mean patients\?$"):
-        _ = run.pateints
+    with pytest.raises(AttributeError, match=r"^Patient has no attribute biomakers: did you mean biomarkers\?$"):
+        _ = patients["01-CoA"].biomakers
 
 
 def test_a_twin_has_values_with_units(run: cardiotwin.Run, twin: cardiotwin.Twin) -> None:
