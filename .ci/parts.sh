@@ -182,10 +182,10 @@ fi
 
 # The second part: with the time that is left.
 # The wheel with the programs of the build above; the extension module alone is compiled.
-if ! has_time 300 "long tests: python"; then
+if ! has_time 400 "long tests: python"; then
     :
 elif python3 -c 'import ensurepip' 2>/dev/null && python/maturin.sh "$target" >/dev/null; then
-    long_part 300 "long tests: python" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
+    long_part 400 "long tests: python" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
     # With the NumPy of the part before.
     long_part 600 "long tests: second opinion" env CARDIOTWIN="$target/release/cardiotwin" CARDIOTWIN_OPINION=all PYTHONDONTWRITEBYTECODE=1 \
         "$target/python-test/env/bin/python" -m pytest -p no:cacheprovider --noconftest -q python/tests/test_second_opinion.py
