@@ -17,7 +17,7 @@ DEV := --release --locked --manifest-path dev/Cargo.toml
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: wheel test-python worked-changes help book install package vendor deps deps-demo build build-all test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies second-cohort afterload verify slurm-kills clean-run
+.PHONY: wheel test-python test-notebooks worked-changes help book install package vendor deps deps-demo build build-all test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies second-cohort afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -63,6 +63,9 @@ wheel: ## make dist/cardiotwin-VERSION-*.whl, a package for Python 3.10 and newe
 
 test-python: ## make the wheel, install it into a new virtual environment, and test what was installed (packages from PyPI)
 	python/test.sh
+
+test-notebooks: ## of these tests the notebooks alone; they are kept with their pictures in target/python-test/notebooks
+	python/test.sh --notebooks
 
 PREFIX ?= /usr/local
 install: build ## put programs, manual, completions, site profiles and a modulefile under PREFIX (DESTDIR before it)

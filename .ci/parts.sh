@@ -182,13 +182,14 @@ fi
 
 # The second part: with the time that is left.
 # The wheel with the programs of the build above; the extension module alone is compiled.
-if ! has_time 300 "long tests: python"; then
+if ! has_time 400 "long tests: python"; then
     :
 elif python3 -c 'import ensurepip' 2>/dev/null && python/maturin.sh "$target" >/dev/null; then
-    long_part 300 "long tests: python" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
+    long_part 400 "long tests: python" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --brief
     # With the NumPy of the part before.
     long_part 600 "long tests: second opinion" env CARDIOTWIN="$target/release/cardiotwin" CARDIOTWIN_OPINION=all PYTHONDONTWRITEBYTECODE=1 \
         "$target/python-test/env/bin/python" -m pytest -p no:cacheprovider --noconftest -q python/tests/test_second_opinion.py
+    long_part 900 "long tests: notebooks" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --notebooks
 else
     skipped "long tests: python" python-packages "PyPI does not answer, or python3 has no venv"
 fi

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
 from cardiotwin._native import Error, ModelError
 
 
@@ -14,7 +19,7 @@ class UsageError(Error):
 
 
 class InputError(Error):
-    """Exit code 3: `cohort.toml` or settings are wrong, or no patient is sound; nothing was run."""
+    """Exit code 3: `cohort.toml`, settings or measurements are wrong, or no patient is sound; nothing was run."""
 
 
 class LockedError(Error):
@@ -22,10 +27,11 @@ class LockedError(Error):
 
 
 class StoreError(Error):
-    """Exit code 5: the run's database is missing, damaged, of a newer version, or cannot be written."""
+    """Exit code 5: the run's database is missing, damaged, of a newer version, or cannot be written. Also
+    raised for results that the run does not have."""
 
 
-class SystemError(Error):
+class FileError(Error):
     """Exit code 6: a file, a directory or a program cannot be used."""
 
 
@@ -41,13 +47,25 @@ class InterruptedRun(Error):
     """Exit code 130: stopped by Ctrl-C or SIGTERM; the same call continues."""
 
 
+class UnknownNameError(Error, KeyError):
+    """A patient, biomarker, parameter or trace of this name does not exist. The words say what was
+    probably meant."""
+
+    # A KeyError shows its words in quotes.
+    __str__ = Exception.__str__
+
+
+class MissingExtraError(Error, ImportError):
+    """An optional package is not installed. The words name the extra to install."""
+
+
 _BY_CODE: dict[int, type[Error]] = {
     1: ProblemsError,
     2: UsageError,
     3: InputError,
     4: LockedError,
     5: StoreError,
-    6: SystemError,
+    6: FileError,
     8: UnfinishedError,
     130: InterruptedRun,
 }
@@ -59,17 +77,29 @@ def from_exit(code: int, words: str) -> Error:
     return kind(words.strip().removeprefix("error: ") or f"cardiotwin ended with exit code {code}")
 
 
+@contextmanager
+def without_folder(folder: Path) -> Generator[None]:
+    """Leaves a temporary folder out of the words of errors, where it would mislead."""
+    try:
+        yield
+    except Error as error:
+        raise type(error)(str(error).replace(f"{folder}{os.sep}", "")) from None
+
+
 __all__ = [
     "BugError",
     "Error",
+    "FileError",
     "InputError",
     "InterruptedRun",
     "LockedError",
+    "MissingExtraError",
     "ModelError",
     "ProblemsError",
     "StoreError",
-    "SystemError",
     "UnfinishedError",
+    "UnknownNameError",
     "UsageError",
     "from_exit",
+    "without_folder",
 ]

@@ -7,15 +7,21 @@ one thread for each core unless ``threads`` says otherwise; Ctrl-C ends them.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from cardiotwin import _native
+from cardiotwin._errors import UnknownNameError
+from cardiotwin._extras import needs
+from cardiotwin._names import HelpfulAttributes, near_misses, unknown
+from cardiotwin._values import Draws, Traces, Values
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CYCLE_LENGTH_MS = 1000.0
 """Cycle length of the published sensitivity analysis."""
@@ -27,6 +33,8 @@ TOLERANCE = 1e-4
 
 def cell_parameters() -> pd.DataFrame:
     """Parameters of the cell by name: unit, meaning, default, interval of the sensitivity analysis."""
+    with needs("pandas"):
+        import pandas as pd
     rows = [
         (name, unit, meaning, default, *(interval or (np.nan, np.nan)))
         for name, unit, meaning, default, interval in _native.cell_parameters()
@@ -36,16 +44,16 @@ def cell_parameters() -> pd.DataFrame:
 
 
 @dataclass(frozen=True)
-class Beat:
+class Beat(HelpfulAttributes):
     """One beat: biomarkers by name, traces by column, and all of the answer."""
 
-    biomarkers: pd.Series[float]
-    traces: pd.DataFrame
+    biomarkers: Values
+    traces: Traces
     answer: dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Cells:
+class Cells(HelpfulAttributes):
     """Results of a batch, a row for each set of parameters. Rows without a beat are NaN."""
 
     biomarkers: NDArray[np.float64]
@@ -63,10 +71,14 @@ class Cells:
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """All values of one biomarker."""
+        if name not in self.names:
+            raise UnknownNameError(unknown(name, self.names))
         return self.biomarkers[:, self.names.index(name)]
 
     def frame(self) -> pd.DataFrame:
         """Biomarkers and status as a table."""
+        with needs("pandas"):
+            import pandas as pd
         return pd.DataFrame(self.biomarkers, columns=self.names).assign(status=self.status)
 
 
@@ -79,15 +91,15 @@ def cell_beat(
 ) -> Beat:
     """The periodic beat of one cell. Raises `ModelError` for an unknown name, a value outside of the
     model's range, or a cell without a beat."""
-    answer = _native.cell_beat(_floats(parameters), cycle_length_ms, lambda_0, tolerance)
+    answer = _native.cell_beat(_floats(parameters, _cell_names()), cycle_length_ms, lambda_0, tolerance)
     biomarkers = cast("dict[str, float]", answer.pop("biomarkers"))
     traces = cast("dict[str, NDArray[np.float64]]", answer.pop("traces"))
-    return Beat(pd.Series(biomarkers), pd.DataFrame(traces), dict(answer))
+    return Beat(Values(biomarkers), Traces(traces), dict(answer))
 
 
 def cell_beats(
     values: ArrayLike,
-    names: Sequence[str],
+    names: Iterable[str],
     parameters: Mapping[str, float] | None = None,
     *,
     cycle_length_ms: float = CYCLE_LENGTH_MS,
@@ -104,10 +116,11 @@ def cell_beats(
     """
     if negative_kwu not in ("keep", "refuse"):
         raise _native.ModelError(f"negative_kwu is {negative_kwu!r}, expected 'keep' or 'refuse'")
+    columns = _columns(names, _cell_names())
     found, _, status = _native.cell_batch(
-        _sets(values, names),
-        list(names),
-        _floats(parameters),
+        _sets(values, columns),
+        columns,
+        _floats(parameters, _cell_names()),
         cycle_length_ms,
         lambda_0,
         tolerance,
@@ -118,7 +131,7 @@ def cell_beats(
     return Cells(found, [label[0] for label in labels], [label[1] for label in labels], np.array(status, dtype=np.str_))
 
 
-class Ventricle:
+class Ventricle(HelpfulAttributes):
     """A beat of a one-fibre ventricle with its loads, valves and contraction model."""
 
     def __init__(self, specification: str | Mapping[str, Any]) -> None:
@@ -138,9 +151,9 @@ class Ventricle:
         return cls._of(_native.Ventricle.average())
 
     @property
-    def parameters(self) -> pd.Series[float]:
+    def parameters(self) -> Values:
         """Value of each parameter by name, which carries the unit."""
-        return pd.Series(dict(self._native.parameters()))
+        return Values(dict(self._native.parameters()))
 
     @property
     def specification(self) -> dict[str, Any]:
@@ -149,25 +162,27 @@ class Ventricle:
 
     def changed(self, parameters: Mapping[str, float] | None = None, *, beats: int | None = None) -> Ventricle:
         """The same ventricle with other values of parameters, and another number of beats."""
-        return self._of(self._native.changed(_floats(parameters), beats))
+        return self._of(self._native.changed(_floats(parameters, self.parameters), beats))
 
     def with_cell(self, parameters: Mapping[str, float] | None = None, *, lambda_0: float = 1.0) -> Ventricle:
         """The same ventricle with Land's and Rice's cell."""
-        return self._of(self._native.with_cell(_floats(parameters), lambda_0))
+        cell = self._native.with_cell({}, lambda_0)
+        return self._of(cell.changed(_floats(parameters, Values(dict(cell.parameters()))), None))
 
     def beat(self, parameters: Mapping[str, float] | None = None) -> Beat:
         """The beat, with other values of parameters where some are given. Raises `ModelError` where it
         diverges or a model rejects a value."""
-        native = self._native.changed(_floats(parameters), None) if parameters else self._native
+        native = self.changed(parameters)._native if parameters else self._native
         text, traces = native.beat()
         answer = cast("dict[str, Any]", json.loads(text))
         answer.pop("samples", None)
-        return Beat(pd.Series(answer.pop("biomarkers")), pd.DataFrame(traces), answer)
+        return Beat(Values(answer.pop("biomarkers")), Traces(traces), answer)
 
-    def beats(self, values: ArrayLike, names: Sequence[str], *, threads: int = 0) -> Cells:
+    def beats(self, values: ArrayLike | Draws, names: Iterable[str] = (), *, threads: int = 0) -> Cells:
         """Beats of many sets of parameters: ``values`` has a row for each set and a column for each of
-        ``names``."""
-        found, opened, status, refused = self._native.batch(_sets(values, names), list(names), threads)
+        ``names``. Draws of a posterior have names of their own."""
+        columns = _columns(values.names if isinstance(values, Draws) else names, self.parameters)
+        found, opened, status, refused = self._native.batch(_sets(values, columns), columns, threads)
         labels = _native.organ_biomarkers()
         keys, units = [label[0] for label in labels], [label[1] for label in labels]
         return Cells(found, keys, units, np.array(status, dtype=np.str_), opened, refused)
@@ -177,13 +192,32 @@ class Ventricle:
         return f"<cardiotwin.Ventricle {of['contraction']['model']}, {of['cycle_length_ms']} ms>"
 
 
-def _floats(parameters: Mapping[str, float] | None) -> dict[str, float]:
+def _cell_names() -> list[str]:
+    return [row[0] for row in _native.cell_parameters()]
+
+
+def _floats(parameters: Mapping[str, float] | None, known: Iterable[str]) -> dict[str, float]:
+    _refuse_unknown(parameters or {}, known)
     return {name: float(value) for name, value in (parameters or {}).items()}
 
 
-def _sets(values: ArrayLike, names: Sequence[str]) -> NDArray[np.float64]:
+def _columns(names: Iterable[str], known: Iterable[str]) -> list[str]:
     if isinstance(names, str):
         raise _native.ModelError("names is a text, expected a list of names")
+    columns = list(names)
+    _refuse_unknown(columns, known)
+    return columns
+
+
+def _refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
+    """Says what was meant before the models list all that they have."""
+    known = list(known)
+    for name in names:
+        if name not in known and near_misses(name, known):
+            raise _native.ModelError(f"no parameter {unknown(name, known)}")
+
+
+def _sets(values: ArrayLike, names: list[str]) -> NDArray[np.float64]:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != len(names):
         raise _native.ModelError(

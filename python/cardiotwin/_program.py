@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from cardiotwin._errors import SystemError, from_exit
+from cardiotwin._errors import FileError, from_exit
 
 Argument = str | os.PathLike[str] | float | int
 
@@ -32,7 +32,7 @@ def program() -> Path:
                 return path
     found = shutil.which("cardiotwin")
     if found is None:
-        raise SystemError("no program `cardiotwin` in the package or in PATH: install the wheel, or add it to PATH")
+        raise FileError("no program `cardiotwin` in the package or in PATH: install the wheel, or add it to PATH")
     return Path(found)
 
 

@@ -23,7 +23,7 @@ def test_a_batch_of_cells_equals_single_beats() -> None:
     assert batch.names[0] == "Sa_max_kPa" and batch.units[0] == "kPa"
     for row, single in zip(values, batch.biomarkers, strict=True):
         beat = cardiotwin.cell_beat(dict(zip(NAMES, row, strict=True)))
-        np.testing.assert_allclose(beat.biomarkers.to_numpy(), single, rtol=1e-12)
+        np.testing.assert_allclose(beat.biomarkers.array(), single, rtol=1e-12)
     assert np.array_equal(cardiotwin.cell_beats(values, NAMES, threads=1).biomarkers, batch.biomarkers)
 
 
@@ -38,7 +38,7 @@ def test_defaults_are_those_of_the_vocabulary() -> None:
     table = cardiotwin.cell_parameters()
     assert len(table) == 22 and table.loc["Ca50_ref_uM", "default"] == 0.805
     stated = cardiotwin.cell_beat(dict(table["default"]))
-    assert stated.biomarkers.equals(cardiotwin.cell_beat().biomarkers)
+    assert stated.biomarkers == cardiotwin.cell_beat().biomarkers
 
 
 def test_a_cell_without_meaning_is_a_row_and_alone_an_error() -> None:
@@ -49,10 +49,12 @@ def test_a_cell_without_meaning_is_a_row_and_alone_an_error() -> None:
 
 
 def test_unknown_names_and_shapes_are_refused_with_what_is_known() -> None:
-    with pytest.raises(cardiotwin.ModelError, match=r"no parameter `Ca50`; it has .*Ca50_ref_uM"):
+    with pytest.raises(cardiotwin.ModelError, match=r"no parameter Ca50: did you mean Ca50_ref_uM\?"):
         cardiotwin.cell_beat({"Ca50": 0.8})
-    with pytest.raises(cardiotwin.ModelError, match=r"no parameter `Smax`; it has .*Smax_ref_kPa"):
+    with pytest.raises(cardiotwin.ModelError, match=r"no parameter Smax: did you mean Smax_ref_kPa\?"):
         cardiotwin.Ventricle.average().beats([[1.0]], ["Smax"])
+    with pytest.raises(cardiotwin.ModelError, match=r"no parameter `zeal`; it has .*Smax_ref_kPa"):
+        cardiotwin.Ventricle.average().beat({"zeal": 1.0})
     with pytest.raises(cardiotwin.ModelError, match=r"shape \(3,\), expected \(number of sets, 1\)"):
         cardiotwin.cell_beats([1.0, 2.0, 3.0], ["n_Tm"])
 
@@ -83,7 +85,7 @@ def test_the_cell_in_the_organ() -> None:
 def test_a_specification_makes_the_same_ventricle() -> None:
     ventricle = cardiotwin.Ventricle.average().changed({"compliance_mL_per_mmHg": 1.2}, beats=2)
     same = cardiotwin.Ventricle(ventricle.specification)
-    assert same.parameters.equals(ventricle.parameters)
+    assert same.parameters == ventricle.parameters
     assert same.beat().answer["beats"] == 2
     with pytest.raises(cardiotwin.ModelError, match="not the specification of a beat"):
         cardiotwin.Ventricle({"cycle_length_ms": 800})

@@ -87,6 +87,18 @@ def test_simulate_predict_and_sweep(folder: Path, run: cardiotwin.Run, elsewhere
     assert stent.table.loc["P_max_mmHg", "relative_change"] < 0 and stent.table["p5"].notna().any()
     found = cardiotwin.sweep(elsewhere / "gsa", samples=32, bounds={"n_Tm": (4, 6)})
     assert len(found.ranking) == 21 and len(found.indices) == 5 * 21
+    with pytest.raises(cardiotwin.Error, match="has other settings"):
+        cardiotwin.sweep(elsewhere / "gsa", samples=32, bounds={"n_Tm": (4, 7)})
+
+
+def test_sweeps_without_a_folder_meet_no_earlier_one(elsewhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(elsewhere)
+    first = cardiotwin.sweep(samples=8, bounds={"n_Tm": [4, 6]})
+    other = cardiotwin.sweep(samples=8, bounds={"n_Tm": [4, 7]})
+    again = cardiotwin.sweep(samples=8, bounds={"n_Tm": [4, 6]}, workers=1)
+    assert first.folder == again.folder != other.folder
+    assert again.ranking.equals(first.ranking) and not other.ranking.equals(first.ranking)
+    assert {path.parent for path in (first.folder, other.folder)} == {Path("sweeps")}
 
 
 def test_discover_names_the_hidden_effect(elsewhere: Path) -> None:
