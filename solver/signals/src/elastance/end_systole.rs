@@ -45,7 +45,7 @@ pub enum InterceptError {
 ///
 /// - `intercept_ml`: volume V0 at which end-systolic pressure is zero \[mL\]
 ///
-/// Source: Suga and Sagawa 1974, Circ Res 35:117, E(t) = P(t)/(V(t) − V0); end systole is at its maximum.
+/// Source: Suga and Sagawa 1974, Circ Res 35:117, E(t) = P(t)/(V(t) − V0), not read; end systole is at its maximum.
 ///
 /// # Errors
 /// [`InterceptError::NotBelowVolume`] when a volume of the beat does not exceed V0.
@@ -78,7 +78,8 @@ pub fn end_systole(beat: &Beat, intercept_ml: f64) -> Result<EndSystole, Interce
 /// follow from V0 again, until neither changes. The first V0 lies half a stroke volume below the smallest volume, so
 /// that a shift of all volumes shifts each step alike.
 ///
-/// Source: iteration of Kono et al. 1984, Heart Vessels 1:23, as textbooks describe it; the publication was not read.
+/// The iteration is the usual one for beats of a conductance catheter, which has the names of Kono and Sagawa; no
+/// publication of it was read.
 pub(super) fn settle<T, E: From<InterceptError>>(
     beats: &[&Beat],
     mut intercept_of: impl FnMut(&[EndSystole]) -> Result<(f64, T), E>,

@@ -52,9 +52,12 @@ impl InternalResistance {
     /// Least squares of P₁W₂ − P₂W₁ + R (Q₁W₂ − Q₂W₁) = 0 with W = V − V0, over all pairs of beats and the time in which
     /// both eject. The form with K has P₁W₂ (1 − K Q₂) = P₂W₁ (1 − K Q₁).
     ///
-    /// Source: Beyar and Sideman 1986, Biophys J 49:1187 (abstract): the pressure drop from the instantaneous
-    /// isovolumic pressure at the ejection flow; in experiments it is proportional to the isovolumic pressure. The
-    /// estimate from pairs is ours.
+    /// Source: abstract of "Source parameters of the left ventricle related to the physiological characteristics of the
+    /// cardiac muscle": the pressure drop from the instantaneous isovolumic pressure at the ejection flow; in
+    /// experiments the resistance is linear in the isovolumic pressure. The estimate from pairs is ours.
+    ///
+    /// Where loops of two beats are scaled copies, as after a change of filling in a linear model, they hold no
+    /// resistance: change the resistance of the arteries too.
     ///
     /// # Errors
     /// [`ResistanceError`] when there are fewer than two beats, they do not eject together, or their flows are alike.

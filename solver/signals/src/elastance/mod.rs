@@ -1,12 +1,13 @@
 //! Elastance of the left ventricle and of its load: how a heart answers another load.
 //!
-//! - [`line`]: end-systolic elastance Ees and volume intercept V0 of two or more beats at different
+//! - [`mod@line`]: end-systolic elastance Ees and volume intercept V0 of two or more beats at different
 //!   loads, and preload-recruitable stroke work
 //! - [`internal_resistance`]: pressure that a ventricle loses to its own ejection, of beats at
 //!   different loads
 //! - [`single_beat`]: estimates of Ees from one beat, as a clinic has it
 //! - [`arterial`]: effective arterial elastance
 //! - [`normal`]: values of human hearts
+//! - [`summary`]: all of them for one patient
 //!
 //! Pressure is in mmHg, volume in mL, time in ms. `docs/sources.md` says what was read of each
 //! publication.
@@ -19,6 +20,7 @@ pub mod line;
 pub mod normal;
 mod regression;
 pub mod single_beat;
+pub mod summary;
 
 #[cfg(test)]
 mod model_heart;

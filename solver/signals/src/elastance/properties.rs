@@ -9,8 +9,10 @@ use cardiotwin_units::Ms;
 use proptest::prelude::*;
 use std::sync::LazyLock;
 
+type Loads = (Vec<(Trace, Trace)>, [f64; 2]);
+
 /// One heart at three loads, with arterial pressures of the first.
-static LOADS: LazyLock<(Vec<(Trace, Trace)>, [f64; 2])> = LazyLock::new(|| {
+static LOADS: LazyLock<Loads> = LazyLock::new(|| {
     let heart = Heart {
         internal_mmhg_s_per_ml: 0.03,
         ..Heart::default()

@@ -6,6 +6,10 @@
 //! | [`bilinear`] (Hayashi et al. 2000) | diastolic arterial pressure, ventricular pressure and volume |
 //! | [`isovolumic_maximum`] (ten Brinke et al. 2010) | ventricular pressure and volume alone |
 //!
+//! These are rough. In seven measured hearts the first and the last differ by a factor of 1.7 to 3.6
+//! (`tests/elastance.rs`). In model hearts the last has 0.6 to 2.4 times the true Ees, and the first underestimates
+//! strong hearts.
+//!
 //! Shishido et al. 2000, Circulation 102:1983, have a bilinear elastance too. Their regression for its slope ratio
 //! could not be read, so their estimate is not here; Hayashi et al. are of the same group.
 
