@@ -3,7 +3,8 @@
 use crate::cycle::{Continuation, Cycle};
 use crate::pressure_volume_loop::stroke_work_mmhg_ml;
 use crate::resample::{ResampleError, STEP, resample};
-use crate::{BeatBiomarkers, Quantity, Trace};
+use crate::{BeatBiomarkers, NoiseWindows, Quantity, Trace, noise_windows};
+use cardiotwin_units::Ms;
 
 /// Reasons why two traces do not make a beat.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -80,14 +81,36 @@ impl Beat {
         volume: &Trace,
         continuation: Continuation,
     ) -> Result<Self, BeatError> {
+        Self::over(pressure, volume, continuation, NoiseWindows::default())
+    }
+
+    /// A beat of noisy traces, both smoothed over the windows that their noise asks for ([`crate::noise_windows::of`]).
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn over(
+        pressure: &Trace,
+        volume: &Trace,
+        continuation: Continuation,
+        windows: NoiseWindows,
+    ) -> Result<Self, BeatError> {
         for (trace, expected) in [(pressure, Quantity::Pressure), (volume, Quantity::Volume)] {
             let found = trace.quantity();
             if found != expected {
                 return Err(BeatError::Quantity { expected, found });
             }
         }
-        let pressure = resample(pressure, continuation, STEP)?;
-        let volume = resample(volume, continuation, STEP)?;
+        let at_step = |trace: &Trace, window: Option<f64>| {
+            let trace = resample(trace, continuation, STEP)?;
+            let Some(window) = window else {
+                return Ok(trace);
+            };
+            let values = noise_windows::smoothed(&trace, continuation, Ms(window));
+            Trace::new(trace.quantity(), trace.time_ms().to_vec(), values)
+                .map_err(ResampleError::from)
+        };
+        let pressure = at_step(pressure, windows.pressure_ms)?;
+        let volume = at_step(volume, windows.volume_ms)?;
         let span = |trace: &Trace| [trace.time_ms()[0], trace.end_ms()];
         if pressure.n_samples() != volume.n_samples() || span(&pressure) != span(&volume) {
             return Err(BeatError::Times {
@@ -210,7 +233,6 @@ fn foot(p: &Cycle, steepest_rise_ms: f64) -> Option<f64> {
 mod tests {
     use super::super::model_heart::Heart;
     use super::*;
-    use cardiotwin_units::Ms;
 
     #[test]
     fn systole_is_in_order_wherever_the_cycle_begins() {

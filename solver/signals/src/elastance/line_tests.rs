@@ -1,6 +1,6 @@
 use super::super::model_heart::{CYCLE_MS, Heart, hearts};
 use super::*;
-use crate::{Continuation, Quantity, Trace};
+use crate::{Continuation, Quantity, Trace, noise_windows};
 use cardiotwin_units::Ms;
 
 /// The heart with less filling and with a lower peripheral resistance, the two kinds of virtual load.
@@ -75,6 +75,43 @@ fn standard_errors_hold_the_truth_where_each_beat_is_read_a_little_wrong() {
     assert!(slope > 0.01 * line.elastance_mmhg_per_ml, "{line:?}");
     assert!(slope < 0.1 * line.elastance_mmhg_per_ml, "{line:?}");
     assert_eq!(line.points.len(), beats.len());
+}
+
+/// Noise of a catheter (1 mmHg) and of a cine every 27 ms (1 mL), over the windows that it asks for.
+#[test]
+fn noisy_traces_of_two_loads_find_the_elastance() {
+    let mut state = 7u64;
+    let mut normal = || {
+        (0..12)
+            .map(|_| {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
+                (state >> 33) as f64 / (1u64 << 31) as f64
+            })
+            .sum::<f64>()
+            - 6.0
+    };
+    let heart = Heart::default();
+    let continuation = Continuation::periodic(Ms(CYCLE_MS));
+    let mut errors = vec![];
+    for _ in 0..10 {
+        let beats = [(1.0, 1.0), (0.7, 0.9)].map(|(filling, resistance)| {
+            let (pressure, volume) = other_load(heart, filling, resistance).traces();
+            let values = pressure.values().iter().map(|p| p + normal()).collect();
+            let pressure = Trace::uniform(Quantity::Pressure, 1.0, values).unwrap();
+            let step_ms = CYCLE_MS / 30.0;
+            let frames = (0..30).map(|k| volume.at(f64::from(k) * step_ms) + normal());
+            let frames = Trace::uniform(Quantity::Volume, step_ms, frames.collect()).unwrap();
+            let windows = noise_windows::of(Some(&pressure), Some(&frames), continuation);
+            assert!(windows.pressure_ms.is_some());
+            Beat::over(&pressure, &frames, continuation, windows).unwrap()
+        });
+        let line = EndSystolicLine::through(&beats).unwrap();
+        errors.push(line.elastance_mmhg_per_ml / heart.elastance_mmhg_per_ml - 1.0);
+    }
+    let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+    assert!(rms < 0.07, "{errors:?}");
 }
 
 #[test]

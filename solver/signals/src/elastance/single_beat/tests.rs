@@ -83,7 +83,6 @@ fn the_bilinear_estimate_holds_where_heart_and_arteries_match() {
             Err(error) => panic!("{error}"),
         }
     }
-    println!("{n_near} {n_none}");
     assert!(n_near >= 6 && n_none > 0, "{n_near} {n_none}");
 }
 
