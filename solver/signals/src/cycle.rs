@@ -320,6 +320,14 @@ impl<'a> Cycle<'a> {
             .take_while(move |i| this.time(*i) < end_ms)
     }
 
+    /// Index of the sample next to a time; of a single beat, one that it has.
+    pub(crate) fn nearest(&self, time_ms: f64) -> isize {
+        let reach = 0.5 * self.usual_step();
+        let index = self.inside(time_ms - reach, f64::INFINITY).next();
+        let last = self.len() as isize - 1;
+        index.unwrap_or(last)
+    }
+
     /// Mean time between samples, ms.
     pub(crate) fn usual_step(&self) -> f64 {
         (self.time_ms[self.len() - 1] - self.time_ms[0]) / (self.len() as f64 - 1.0).max(1.0)

@@ -10,6 +10,7 @@ pub mod active_stress;
 pub mod biomarkers;
 pub mod checks;
 mod cycle;
+pub mod elastance;
 pub mod image;
 pub mod noise_windows;
 pub mod pressure_volume_loop;

@@ -7,6 +7,12 @@ const MJ_PER_MMHG_ML: f64 = 0.133_322_4;
 /// first; `None` for fewer than three points.
 #[must_use]
 pub fn stroke_work_mj(volume_ml: &[f64], pressure_mmhg: &[f64]) -> Option<f64> {
+    stroke_work_mmhg_ml(volume_ml, pressure_mmhg).map(|area| MJ_PER_MMHG_ML * area)
+}
+
+/// The same work \[mmHg mL\]; `None` for fewer than three points.
+#[must_use]
+pub fn stroke_work_mmhg_ml(volume_ml: &[f64], pressure_mmhg: &[f64]) -> Option<f64> {
     let n = volume_ml.len().min(pressure_mmhg.len());
     let area: f64 = (0..n)
         .map(|i| {
@@ -14,7 +20,7 @@ pub fn stroke_work_mj(volume_ml: &[f64], pressure_mmhg: &[f64]) -> Option<f64> {
             0.5 * (pressure_mmhg[i] + pressure_mmhg[next]) * (volume_ml[i] - volume_ml[next])
         })
         .sum();
-    (n > 2).then_some(MJ_PER_MMHG_ML * area)
+    (n > 2).then_some(area)
 }
 
 #[cfg(test)]
