@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cardiotwin._errors import UnknownNameError
 from cardiotwin._extras import needs
 from cardiotwin._html import aligned, number, picture, table
-from cardiotwin._names import unit_of, unknown
+from cardiotwin._names import HelpfulAttributes, unit_of, unknown
 from cardiotwin._values import Traces
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class Changed:
     after: float
 
 
-class Prediction(Mapping[str, Predicted]):
+class Prediction(HelpfulAttributes, Mapping[str, Predicted]):
     """Answer of `predict` for one twin: its indices by name, and its beat before and after."""
 
     def __init__(self, answer: Mapping[str, Any], before: Traces, after: Traces, figure: str) -> None:

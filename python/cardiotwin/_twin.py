@@ -178,7 +178,7 @@ class Interval:
     """How well the data determine it: ``determined``, ``sloppy`` (weakly identified) or ``not-determined``."""
 
 
-class Posterior(Mapping[str, Interval]):
+class Posterior(HelpfulAttributes, Mapping[str, Interval]):
     """Parameters of a twin given the measurements: an interval for each, and draws of all together."""
 
     def __init__(self, patient: str, rows: list[dict[str, Any]], draws: list[list[float]]) -> None:

@@ -89,7 +89,7 @@ class Values(Mapping[str, float]):
         return [(name, value, unit_of(name)) for name, value in self._values.items()]
 
 
-class Traces(Mapping[str, NDArray[np.float64]]):
+class Traces(HelpfulAttributes, Mapping[str, NDArray[np.float64]]):
     """Signals of one beat over common times: an array for each, by a name with the unit. ``time_ms`` is
     one of them."""
 

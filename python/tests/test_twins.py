@@ -111,6 +111,8 @@ def test_draws_are_those_of_the_run(run: cardiotwin.Run, twin: cardiotwin.Twin) 
     assert posterior["n_Tm"].p5 <= posterior["n_Tm"].p95
     with pytest.raises(KeyError, match=r"^Ca50: did you mean Ca50_ref_uM\?$"):
         posterior["Ca50"]
+    with pytest.raises(AttributeError, match=r"^Posterior has no attribute smaple: did you mean sample\?$"):
+        _ = posterior.smaple
 
 
 def test_traces_for_xarray(twin: cardiotwin.Twin) -> None:
