@@ -12,6 +12,7 @@ pub mod atrium;
 mod circuit;
 mod component;
 pub mod estimate;
+pub mod filling;
 pub mod left_heart;
 pub mod orifice;
 pub mod split_windkessel;
