@@ -420,6 +420,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             initial_windkessel_pressure_mmhg: 68.7,
             left_atrial_pressure_mmhg: 6.43,
             effects: Vec::new(),
+            closed: None,
         },
         measured: biomarkers(printed.clinical, edv, None),
         biomarker_factors: BTreeMap::new(),
