@@ -158,6 +158,21 @@ pub struct StatedTrace<'a> {
     pub delay_sd_ms: Option<f64>,
 }
 
+impl StatedTrace<'_> {
+    /// The trace as a task reads it, in this file.
+    #[must_use]
+    pub fn with_file(&self, file: InputFile) -> FurtherTraceSpec {
+        FurtherTraceSpec {
+            quantity: self.quantity,
+            file,
+            rms: self.rms,
+            correlation_ms: self.correlation_ms,
+            delay_ms: self.delay_ms,
+            delay_sd_ms: self.delay_sd_ms,
+        }
+    }
+}
+
 impl FurtherTraces {
     /// The traces that are there.
     #[must_use]

@@ -15,6 +15,7 @@ pub mod discover;
 pub mod earlier;
 pub mod external;
 pub mod failure;
+pub mod filling;
 pub mod finite_element;
 pub mod fit;
 pub mod formats;

@@ -33,4 +33,18 @@ pub struct CirculationSpec {
     /// Accepted effects, in the order in which they were accepted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
+    /// Loop that closes the circulation; absent for the open circuit, whose atrium has a constant
+    /// pressure.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub closed: Option<ClosedLoopSpec>,
+}
+
+/// A loop from the aorta through body, right heart and lungs to a left atrium that contracts. At the
+/// start the pressures are in balance with the filling pressure and the output.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct ClosedLoopSpec {
+    /// Output of a beat at the start.
+    #[serde(rename = "stroke_volume_mL")]
+    pub stroke_volume_ml: f64,
 }

@@ -9,7 +9,7 @@ use crate::external::ExternalOrgan;
 use crate::finite_element::FiniteElementOrgan;
 use crate::input_file::InputFile;
 
-pub use crate::loads::{CirculationSpec, EffectSpec};
+pub use crate::loads::{CirculationSpec, ClosedLoopSpec, EffectSpec};
 pub use crate::one_fibre::{ActivationSpec, OneFibrePassive};
 pub use cardiotwin_vocabulary::cell::{
     CELL_DEFAULTS, CELL_PARAMETERS, RICE_PARAMETERS, cell_default,

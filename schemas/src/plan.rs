@@ -328,6 +328,7 @@ impl ResolvedPatient {
             passive_exponent: None,
             afterload: None,
             left_atrial_pressure_mmhg: None,
+            flows: crate::filling::FlowMeasurements::default(),
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
             biomarker_factors: BTreeMap::new(),

@@ -17,6 +17,9 @@ pub struct Estimate {
     pub key: String,
     /// Value in the unit of the key.
     pub value: f64,
+    /// Standard deviation of the value, where the method gives one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sd: Option<f64>,
     /// Method of the estimate.
     pub method: String,
 }

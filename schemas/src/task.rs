@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::biomarkers::{Biomarkers, CellBiomarkers};
 use crate::discover::DiscoverSpec;
+use crate::filling::FlowMeasurements;
 use crate::finite_element::{AnatomySpec, OwnMesh};
 use crate::hash::{canonical_json, sha256_hex};
 use crate::ids::{AttemptId, PatientId, TaskKey};
@@ -95,7 +96,7 @@ impl TaskSpec {
     pub fn model_version(&self) -> u32 {
         match self {
             Self::OrganBeat(_) => 14,
-            Self::PassiveState(_) => 10,
+            Self::PassiveState(_) => 11,
             Self::Discover(_) => 9,
             Self::Step1Proposal(_) | Self::Step3Proposal(_) => 9,
             Self::CellFit(_) => 6,
@@ -202,6 +203,9 @@ pub struct PassiveStateSpec {
     /// Filling pressure, if known.
     #[serde(rename = "left_atrial_pressure_mmHg")]
     pub left_atrial_pressure_mmhg: Option<f64>,
+    /// Atrial pressure, mitral flow and net forward volume, where they were measured.
+    #[serde(default, skip_serializing_if = "FlowMeasurements::is_empty")]
+    pub flows: FlowMeasurements,
     /// State at which the beat starts.
     pub start: StartMode,
     /// Activation of the reduced ventricle.

@@ -33,6 +33,9 @@ pub struct TwinTolerances {
     #[serde(rename = "SV")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub sv: f64,
+    /// Largest volume left open at the end of the beat, percent of the measured stroke volume.
+    #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
+    pub volume_gap: f64,
 }
 
 impl Default for TwinTolerances {
@@ -43,6 +46,7 @@ impl Default for TwinTolerances {
             dpdt_min: 15.0,
             ptd90: 3.0,
             sv: 5.0,
+            volume_gap: 20.0,
         }
     }
 }
@@ -65,19 +69,21 @@ impl TwinTolerances {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Verdict {
-    /// Whether every measured biomarker is within its tolerance.
+    /// Whether every measured biomarker and the volume at the end of the beat are within their
+    /// tolerances.
     pub personalised: bool,
     /// Relative differences (simulated − measured) / measured, percent, of the biomarkers that are
-    /// out of tolerance, by the tolerances' names.
+    /// out of tolerance, by the tolerances' names. `volume_gap` is measured end-diastolic minus final
+    /// volume over the measured stroke volume.
     pub off_percent: BTreeMap<String, f64>,
 }
 
 impl Verdict {
-    /// Judges a beat. A biomarker that was not measured is not judged; one that the beat lacks
+    /// Judges a beat, and the volume that it leaves open at its end. A biomarker that was not measured is not judged; one that the beat lacks
     /// counts with a difference of 100 %.
     #[must_use]
     pub fn of(measured: &Biomarkers, simulated: &Biomarkers, tolerances: &TwinTolerances) -> Self {
-        let off_percent: BTreeMap<String, f64> = tolerances
+        let mut off_percent: BTreeMap<String, f64> = tolerances
             .of_biomarkers()
             .into_iter()
             .filter_map(|(biomarker, tolerance)| {
@@ -88,6 +94,12 @@ impl Verdict {
                 (off.is_nan() || off.abs() > tolerance).then(|| (biomarker.name().to_owned(), off))
             })
             .collect();
+        if let (Some(gap_ml), Some(stroke_ml)) = (simulated.end_of_beat_gap_ml, measured.sv_ml) {
+            let gap = 100.0 * gap_ml / stroke_ml;
+            if gap.is_nan() || gap.abs() > tolerances.volume_gap {
+                off_percent.insert(VOLUME_GAP.to_owned(), gap);
+            }
+        }
         Self {
             personalised: off_percent.is_empty(),
             off_percent,
@@ -95,11 +107,21 @@ impl Verdict {
     }
 }
 
+/// Name of the volume left open at the end of the beat, among the tolerances.
+const VOLUME_GAP: &str = "volume_gap";
+
 /// Words for a verified twin outside of its tolerances, with which its verdict begins.
 pub const OFF: &str = "not personalised";
 
 /// A relative difference from the measurement in words.
 fn difference(name: &str, percent: f64) -> String {
+    if name == VOLUME_GAP {
+        let side = if percent > 0.0 { "below" } else { "above" };
+        return format!(
+            "volume ends {:.0} % of SV {side} where it began",
+            percent.abs()
+        );
+    }
     if percent <= -100.0 {
         return format!("{name} missing");
     }
@@ -170,5 +192,31 @@ mod tests {
             &tolerances,
         );
         assert_eq!(none.to_string(), "not personalised: SV missing");
+    }
+
+    #[test]
+    fn a_volume_left_open_counts_beyond_its_limit() {
+        let measured = Biomarkers {
+            sv_ml: Some(80.0),
+            ..Biomarkers::default()
+        };
+        let verdict = |gap_ml: f64, volume_gap: f64| {
+            let simulated = Biomarkers {
+                end_of_beat_gap_ml: Some(gap_ml),
+                ..measured
+            };
+            let tolerances = TwinTolerances {
+                volume_gap,
+                ..TwinTolerances::default()
+            };
+            Verdict::of(&measured, &simulated, &tolerances)
+        };
+        assert!(verdict(15.9, 20.0).personalised && verdict(-15.9, 20.0).personalised);
+        assert_eq!(
+            verdict(18.4, 20.0).to_string(),
+            "not personalised: volume ends 23 % of SV below where it began"
+        );
+        assert_eq!(verdict(-20.0, 20.0).off_percent["volume_gap"], -25.0);
+        assert!(!verdict(f64::NAN, 20.0).personalised && !verdict(9.0, 10.0).personalised);
     }
 }

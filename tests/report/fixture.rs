@@ -310,6 +310,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
             passive_exponent: None,
             afterload: None,
             left_atrial_pressure_mmhg: Some(6.43),
+            flows: Default::default(),
             start: StartMode::EndDiastole,
             activation: ActivationSettings::default(),
             biomarker_factors: BTreeMap::new(),
@@ -419,6 +420,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
             initial_windkessel_pressure_mmhg: 68.7,
             left_atrial_pressure_mmhg: 6.43,
             effects: Vec::new(),
+            closed: None,
         },
         measured: biomarkers(printed.clinical, edv, None),
         biomarker_factors: BTreeMap::new(),
@@ -428,6 +430,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         estimates: vec![Estimate {
             key: "afterload.compliance_mL_per_mmHg".into(),
             value: 2.0263,
+            sd: None,
             method: "fitted to the flow in ejection and the cuff pressure".into(),
         }],
         diastasis_volume_error_ml: Some(-1.4),

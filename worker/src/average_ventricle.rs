@@ -47,6 +47,7 @@ pub fn average_ventricle() -> (OrganBeatSpec, OneFibrePassive, ActivationSpec) {
             initial_windkessel_pressure_mmhg: 70.0,
             left_atrial_pressure_mmhg: 7.0,
             effects: Vec::new(),
+            closed: None,
         },
         valves: ValveParameters::default(),
         contraction: ContractionSpec::Tanh {

@@ -187,6 +187,9 @@ pub enum TaskError {
     /// An accepted effect cannot be simulated.
     #[error("cannot apply the effects of the patient's model")]
     Effect(#[source] EffectError),
+    /// Another ventricle than the reduced one was given a closed circulation.
+    #[error("a closed circulation surrounds the reduced ventricle only")]
+    ClosedLoop,
     /// The finite-element ventricle failed.
     #[error(transparent)]
     FiniteElement(#[from] FiniteElementError),
@@ -299,6 +302,7 @@ impl TaskError {
             | Self::Contraction(_)
             | Self::NoPlugin { .. }
             | Self::Circulation(_)
+            | Self::ClosedLoop
             | Self::Effect(_) => FailureClass::Input,
             Self::Cell(error) => match error {
                 CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => {
@@ -355,6 +359,7 @@ impl TaskError {
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => Some(
                 "set bounds or start values so that the parameter stays inside the model's range",
             ),
+            Self::ClosedLoop => Some("use the reduced ventricle, or the open circulation"),
             Self::FiniteElement(error) => error.remedy(),
             Self::Diverged { .. } | Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
             Self::NoProposal(_) => Some(

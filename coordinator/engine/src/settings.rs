@@ -75,6 +75,8 @@ pub fn same_tasks(a: &ResolvedPatient, b: &ResolvedPatient) -> bool {
         {
             file.path.clear();
         }
+        let flows = plan.step0.flows.files_mut();
+        flows.for_each(|file| file.path.clear());
         plan
     };
     bare(a) == bare(b)

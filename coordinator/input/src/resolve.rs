@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::PatientDefaults;
+use cardiotwin_schemas::filling::FlowMeasurements;
 use cardiotwin_schemas::finite_element::{OwnMesh, OwnRightVentricle, RightPressureSpec};
+use cardiotwin_schemas::further::FurtherQuantity;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::overlay::ModelOverlay;
-use cardiotwin_schemas::patient::{PatientFile, PatientMesh, PatientRightVentricle};
+use cardiotwin_schemas::patient::{Measured, PatientFile, PatientMesh, PatientRightVentricle};
 use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::Settings;
 use cardiotwin_schemas::shared::Shared;
@@ -40,6 +42,7 @@ pub fn resolve(
         Some(mesh) => Some(own_mesh(mesh, folder, &file.id, report)?),
     };
     let external_files = external::files(settings, folder, cohort_folder, &file.id, report)?;
+    let flows = flows(measured, folder, &file.id, report)?;
     let biomarkers = measured.biomarkers.unwrap_or_default();
     let law = law::file(settings, cohort_folder, &file.id, report)?;
     let step0 = PassiveStateSpec {
@@ -67,6 +70,7 @@ pub fn resolve(
             .or(defaults.passive_exponent),
         afterload: file.afterload,
         left_atrial_pressure_mmhg: left_atrial_pressure(file, defaults),
+        flows,
         start: settings.solver.start,
         activation: settings.solver.activation,
         biomarker_factors: BTreeMap::new(),
@@ -103,6 +107,30 @@ pub fn with_overlay(mut plan: ResolvedPatient, overlay: &ModelOverlay) -> Resolv
     step0.corrections.clone_from(&overlay.corrections);
     plan.effects.clone_from(&overlay.effects);
     plan
+}
+
+/// Measured atrial pressure, mitral flow and net forward volume, with the hashes of their files.
+fn flows(
+    measured: &Measured,
+    folder: &Path,
+    patient: &str,
+    report: &mut Report,
+) -> Option<FlowMeasurements> {
+    let mut flows = FlowMeasurements {
+        forward_stroke_volume: measured.forward_stroke_volume.clone(),
+        ..FlowMeasurements::default()
+    };
+    for stated in measured.traces.iter().flat_map(|traces| traces.stated()) {
+        let place = match stated.quantity {
+            FurtherQuantity::AtrialPressure => &mut flows.atrial_pressure,
+            FurtherQuantity::MitralFlow => &mut flows.mitral_flow,
+            _ => continue,
+        };
+        let at = folder.join(stated.file);
+        let file = hash(stated.quantity.name(), &at, patient, report)?;
+        *place = Some(stated.with_file(file));
+    }
+    Some(flows)
 }
 
 /// A patient's own mesh with the hashes of its files.

@@ -73,14 +73,8 @@ fn further(
     let stated = measured.traces.iter().flat_map(|traces| traces.stated());
     let traces = stated
         .map(|stated| {
-            Some(FurtherTraceSpec {
-                quantity: stated.quantity,
-                file: file(stated.quantity.name(), stated.file)?,
-                rms: stated.rms,
-                correlation_ms: stated.correlation_ms,
-                delay_ms: stated.delay_ms,
-                delay_sd_ms: stated.delay_sd_ms,
-            })
+            let file = file(stated.quantity.name(), stated.file)?;
+            Some(stated.with_file(file))
         })
         .collect();
     let loaded = (measured.loaded.iter().enumerate())

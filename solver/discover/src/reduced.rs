@@ -389,6 +389,7 @@ impl Reduced {
             )
             .ok()?,
             inertances: [x[19], x[20]],
+            closed: None,
             law: None,
         })
     }

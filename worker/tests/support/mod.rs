@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_calibrate::fixed_point::{self, Decision, History, Outcome};
+use cardiotwin_schemas::filling::FlowMeasurements;
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::organ::{
@@ -86,6 +87,10 @@ pub fn step0(id: &str) -> PassiveStateSpec {
             .preload
             .as_ref()
             .map(|preload| preload.left_atrial_pressure_mmhg),
+        flows: FlowMeasurements {
+            forward_stroke_volume: measured.forward_stroke_volume.clone(),
+            ..FlowMeasurements::default()
+        },
         start: StartMode::EndDiastole,
         activation: ActivationSettings::default(),
         biomarker_factors: BTreeMap::new(),

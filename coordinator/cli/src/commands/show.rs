@@ -430,7 +430,10 @@ fn estimates(record: &PatientRecord, talk: &Talk) -> String {
         for estimate in &step0.result.estimates {
             table.row([
                 estimate.key.clone(),
-                number(estimate.value),
+                match estimate.sd {
+                    Some(sd) => format!("{} ± {}", number(estimate.value), number(sd)),
+                    None => number(estimate.value),
+                },
                 estimate.method.clone(),
             ]);
         }

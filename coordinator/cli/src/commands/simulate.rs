@@ -6,10 +6,12 @@ use std::path::PathBuf;
 use cardiotwin_engine::find_worker;
 use cardiotwin_input::{self as input, nearest, value_from_text};
 use cardiotwin_schemas::biomarkers::Biomarker;
-use cardiotwin_schemas::organ::{BeatCount, CELL_PARAMETERS, ContractionSpec};
+use cardiotwin_schemas::organ::{
+    BeatCount, CELL_PARAMETERS, ClosedLoopSpec, ContractionSpec, OrganSpec,
+};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -45,6 +47,11 @@ pub struct SimulateArgs {
     /// Number of beats, or `periodic` [default: the setting solver.beats]
     #[arg(long, value_name = "N|periodic", value_parser = beats)]
     beats: Option<BeatCount>,
+    /// Circulation: `open`, an atrium at constant pressure and a Windkessel, or `closed`, a loop through
+    /// body, right heart and lungs to an atrium that contracts (reduced ventricle only; periodic unless
+    /// --beats is given)
+    #[arg(long, value_enum, default_value_t = CirculationKind::Open)]
+    circulation: CirculationKind,
     /// Use the fitted cell model of step 2 instead of Tanh, as in the verification beat
     #[arg(long)]
     cell: bool,
@@ -66,6 +73,30 @@ pub struct SimulateArgs {
     worker: Option<PathBuf>,
     #[command(flatten)]
     of: OfCohort,
+}
+
+/// Circulation around the ventricle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum CirculationKind {
+    /// An atrium at constant pressure and a Windkessel
+    Open,
+    /// A loop whose blood goes round
+    Closed,
+}
+
+/// Stroke volume over end-diastolic volume at the start of a loop, if no stroke volume is measured.
+const EJECTION_FRACTION: f64 = 0.6;
+
+/// Closes the circulation of a reduced ventricle.
+fn close(spec: &mut OrganBeatSpec, passive: &PassiveStateResult) -> Result<(), CliError> {
+    let OrganSpec::Reduced { passive: law, .. } = &spec.organ else {
+        let message = "--circulation closed: the loop surrounds the reduced ventricle only; add `--set solver.fidelity=reduced`";
+        return Err(CliError::Usage(message.to_owned()));
+    };
+    let measured = passive.measured.sv_ml;
+    let stroke_volume_ml = measured.unwrap_or(EJECTION_FRACTION * law.end_diastolic_volume_ml);
+    spec.circulation.closed = Some(ClosedLoopSpec { stroke_volume_ml });
+    Ok(())
 }
 
 fn beats(text: &str) -> Result<BeatCount, String> {
@@ -102,8 +133,11 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     let worker = find_worker(args.worker.as_deref())?;
     let ventricle =
         Ventricle::of(&args.of.folders(), &args.patient, settings, &worker, talk).await?;
-    let beats = args.beats.unwrap_or(BeatCount::Fixed {
-        n: ventricle.plan.settings.solver.beats,
+    let beats = args.beats.unwrap_or(match args.circulation {
+        CirculationKind::Open => BeatCount::Fixed {
+            n: ventricle.plan.settings.solver.beats,
+        },
+        CirculationKind::Closed => PERIODIC,
     });
     let mut spec = if args.cell {
         ventricle.beat_of_step2("--cell", beats)?
@@ -115,6 +149,9 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
             name: name.clone(),
             parameters: BTreeMap::new(),
         };
+    }
+    if args.circulation == CirculationKind::Closed {
+        close(&mut spec, &ventricle.passive)?;
     }
     let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
     let scratch =
@@ -345,6 +382,25 @@ mod tests {
             panic!()
         };
         assert_eq!(parameters.smax_ref_kpa, 120.0);
+    }
+
+    #[test]
+    fn a_loop_closes_around_the_reduced_ventricle_only() {
+        let passive = |sv: serde_json::Value| -> PassiveStateResult {
+            let spec = serde_json::to_value(spec()).unwrap();
+            serde_json::from_value(serde_json::json!({
+                "organ": spec["organ"], "circulation": spec["circulation"], "measured": {"SV_mL": sv},
+                "time_points": {}, "estimates": [], "diastasis_volume_error_mL": null, "remarks": []
+            }))
+            .unwrap()
+        };
+        let closed = |sv| {
+            let mut spec = spec();
+            close(&mut spec, &passive(sv)).unwrap();
+            spec.circulation.closed.unwrap().stroke_volume_ml
+        };
+        assert_eq!(closed(serde_json::json!(81.0)), 81.0);
+        assert_eq!(closed(serde_json::Value::Null), 72.0);
     }
 
     #[test]

@@ -136,6 +136,7 @@ fn passive_state(edp_mmhg: f64) -> TaskResult {
             initial_windkessel_pressure_mmhg: 70.0,
             left_atrial_pressure_mmhg: 6.0,
             effects: vec![],
+            closed: None,
         },
         measured: answer(TRUTH),
         biomarker_factors: Default::default(),

@@ -228,7 +228,7 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
     }
     if let Some(step0) = &patient.step0 {
         notes.extend(step0.result.estimates.iter().map(|e| {
-            let text = html! { b { "estimated: " } code { (e.key) } " = " (significant(e.value, 4)) ", " (e.method) };
+            let text = html! { b { "estimated: " } code { (e.key) } " = " (significant(e.value, 4)) @if let Some(sd) = e.sd { " ± " (significant(sd, 2)) } ", " (e.method) };
             ("warn", text)
         }));
         if let Some(error) = step0.result.diastasis_volume_error_ml {

@@ -16,15 +16,23 @@ pub enum Direction {
 
 /// One path between the ventricle and a compartment.
 #[derive(Debug)]
-struct Connection {
-    path: Box<dyn FlowPath>,
-    compartment_idx: usize,
-    direction: Direction,
+pub(super) struct Connection {
+    pub(super) path: Box<dyn FlowPath>,
+    pub(super) compartment_idx: usize,
+    pub(super) direction: Direction,
+}
+
+/// One path between two compartments, which closes the circuit behind the ventricle.
+#[derive(Debug)]
+pub(super) struct Link {
+    pub(super) path: Box<dyn FlowPath>,
+    pub(super) from_idx: usize,
+    pub(super) to_idx: usize,
 }
 
 impl Connection {
     /// Pressure difference that drives the path's flow \[mmHg\].
-    fn difference(&self, cavity_mmhg: f64, compartment_mmhg: f64) -> f64 {
+    pub(super) fn difference(&self, cavity_mmhg: f64, compartment_mmhg: f64) -> f64 {
         match self.direction {
             Direction::OutOfVentricle => cavity_mmhg - compartment_mmhg,
             Direction::IntoVentricle => compartment_mmhg - cavity_mmhg,
@@ -32,10 +40,28 @@ impl Connection {
     }
 
     /// A flow in the path's direction, counted into the compartment.
-    fn signed(&self, flow: f64) -> f64 {
+    pub(super) fn signed(&self, flow: f64) -> f64 {
         match self.direction {
             Direction::OutOfVentricle => flow,
             Direction::IntoVentricle => -flow,
+        }
+    }
+}
+
+impl Link {
+    /// Pressure difference that drives the path's flow \[mmHg\].
+    pub(super) fn difference(&self, pressures_mmhg: &[f64]) -> f64 {
+        pressures_mmhg[self.from_idx] - pressures_mmhg[self.to_idx]
+    }
+
+    /// A flow in the path's direction, counted into a compartment.
+    pub(super) fn signed(&self, compartment_idx: usize, flow: f64) -> f64 {
+        if compartment_idx == self.to_idx {
+            flow
+        } else if compartment_idx == self.from_idx {
+            -flow
+        } else {
+            0.0
         }
     }
 }
@@ -58,7 +84,8 @@ pub struct CirculationState {
     pub states: Vec<f64>,
     /// Pressure of each compartment \[mmHg\].
     pub pressures_mmhg: Vec<f64>,
-    /// Flow of each path \[mL/s\], positive in its direction.
+    /// Flow of each path \[mL/s\], positive in its direction: those to and from the ventricle, then
+    /// those between compartments.
     pub flows_ml_per_s: Vec<f64>,
     /// Whether each path is open.
     pub open: Vec<bool>,
@@ -69,16 +96,19 @@ pub struct CirculationState {
 /// The circulation of one ventricle.
 #[derive(Debug)]
 pub struct Circulation {
-    compartments: Vec<Box<dyn Compartment>>,
+    pub(super) compartments: Vec<Box<dyn Compartment>>,
     /// Index of each compartment's first state.
-    first_state: Vec<usize>,
-    connections: Vec<Connection>,
+    pub(super) first_state: Vec<usize>,
+    pub(super) connections: Vec<Connection>,
+    /// Paths between compartments; none in an open circuit, whose compartments do not depend on each
+    /// other.
+    pub(super) links: Vec<Link>,
     /// Paths whose blood has inertia: they are prepared before a step, and their flow is a state.
     inertial: Vec<usize>,
-    now: CirculationState,
+    pub(super) now: CirculationState,
     /// Trial flows of the last evaluation, one per path.
-    trial: Vec<f64>,
-    trial_pressures: Vec<f64>,
+    pub(super) trial: Vec<f64>,
+    pub(super) trial_pressures: Vec<f64>,
     /// Step and cavity pressure of the trial.
     pending: Option<(TimeStep, Mmhg)>,
 }
@@ -97,6 +127,7 @@ impl Circulation {
             compartments: Vec::new(),
             first_state: vec![0],
             connections: Vec::new(),
+            links: Vec::new(),
             inertial: Vec::new(),
             now: CirculationState {
                 time_ms: 0.0,
@@ -129,23 +160,58 @@ impl Circulation {
         self.compartments.len() - 1
     }
 
-    /// Connects the ventricle with a compartment and returns the index of the path.
+    /// Connects the ventricle with a compartment and returns the index of the path. Paths of the
+    /// ventricle come first: those between compartments move back by one.
     pub fn connect(
         &mut self,
         path: Box<dyn FlowPath>,
         compartment_idx: usize,
         direction: Direction,
     ) -> usize {
+        let idx = self.connections.len();
         self.connections.push(Connection {
             path,
             compartment_idx,
             direction,
         });
-        self.now.flows_ml_per_s.push(0.0);
-        self.now.passed_ml.push(0.0);
-        self.now.open.push(false);
-        self.trial.push(0.0);
-        self.connections.len() - 1
+        let behind = self
+            .inertial
+            .iter_mut()
+            .filter(|inertial| **inertial >= idx);
+        behind.for_each(|inertial| *inertial += 1);
+        self.add_flow(idx)
+    }
+
+    /// Links two compartments and returns the index of the path.
+    pub fn link(&mut self, path: Box<dyn FlowPath>, from_idx: usize, to_idx: usize) -> usize {
+        self.links.push(Link {
+            path,
+            from_idx,
+            to_idx,
+        });
+        self.add_flow(self.trial.len())
+    }
+
+    fn add_flow(&mut self, idx: usize) -> usize {
+        self.now.flows_ml_per_s.insert(idx, 0.0);
+        self.now.passed_ml.insert(idx, 0.0);
+        self.now.open.insert(idx, false);
+        self.trial.insert(idx, 0.0);
+        idx
+    }
+
+    fn path(&self, idx: usize) -> &dyn FlowPath {
+        match idx.checked_sub(self.connections.len()) {
+            None => self.connections[idx].path.as_ref(),
+            Some(link) => self.links[link].path.as_ref(),
+        }
+    }
+
+    fn path_mut(&mut self, idx: usize) -> &mut Box<dyn FlowPath> {
+        match idx.checked_sub(self.connections.len()) {
+            None => &mut self.connections[idx].path,
+            Some(link) => &mut self.links[link].path,
+        }
     }
 
     /// Replaces a compartment by another in its initial state. Paths do not change, but all
@@ -171,7 +237,7 @@ impl Circulation {
     /// # Panics
     /// If there is no path with this index.
     pub fn replace_path(&mut self, idx: usize, path: Box<dyn FlowPath>) {
-        self.connections[idx].path = path;
+        *self.path_mut(idx) = path;
     }
 
     /// Gives the blood in a path an inertance \[mmHg·s²/mL\].
@@ -179,7 +245,7 @@ impl Circulation {
     /// # Panics
     /// If there is no path with this index.
     pub fn set_inertance(&mut self, path_idx: usize, inertance: f64) {
-        self.connections[path_idx].path.set_inertance(inertance);
+        self.path_mut(path_idx).set_inertance(inertance);
         self.inertial.retain(|idx| *idx != path_idx);
         if inertance > 0.0 {
             self.inertial.push(path_idx);
@@ -195,7 +261,7 @@ impl Circulation {
     /// Index of the path with this name.
     #[must_use]
     pub fn path_idx(&self, name: &str) -> Option<usize> {
-        self.connections.iter().position(|c| c.path.name() == name)
+        (0..self.trial.len()).find(|idx| self.path(*idx).name() == name)
     }
 
     /// Index of the compartment with this name.
@@ -308,9 +374,15 @@ impl Circulation {
             end_ms: self.now.time_ms + dt.0,
             dt_ms: dt.0,
         };
-        for idx in &self.inertial {
-            let flow = self.now.flows_ml_per_s[*idx];
-            self.connections[*idx].path.prepare(step, flow);
+        for i in 0..self.inertial.len() {
+            let idx = self.inertial[i];
+            let flow = self.now.flows_ml_per_s[idx];
+            self.path_mut(idx).prepare(step, flow);
+        }
+        if !self.links.is_empty() {
+            let net = self.solve_together(cavity.0, step)?;
+            self.pending = Some((step, cavity));
+            return Ok(net);
         }
         let (mut net, mut slope) = (0.0, 0.0);
         for idx in 0..self.compartments.len() {
@@ -396,9 +468,12 @@ impl Circulation {
         };
         for (idx, compartment) in self.compartments.iter().enumerate() {
             let into = self.connections.iter().zip(&self.trial);
-            let inflow = (into.filter(|(c, _)| c.compartment_idx == idx))
+            let mut inflow: f64 = (into.filter(|(c, _)| c.compartment_idx == idx))
                 .map(|(c, q)| c.signed(*q))
                 .sum();
+            for (link, q) in self.links.iter().zip(&self.trial[self.connections.len()..]) {
+                inflow += link.signed(idx, *q);
+            }
             compartment.advance(
                 &mut self.now.states[self.first_state[idx]..self.first_state[idx + 1]],
                 inflow,
@@ -413,6 +488,10 @@ impl Circulation {
             let difference = c.difference(cavity.0, self.trial_pressures[c.compartment_idx]);
             *open = c.path.is_open(difference);
         }
+        let links = self.now.open[self.connections.len()..].iter_mut();
+        for (open, link) in links.zip(&self.links) {
+            *open = link.path.is_open(link.difference(&self.trial_pressures));
+        }
         for (passed, flow) in self.now.passed_ml.iter_mut().zip(&self.trial) {
             *passed += flow * step.dt_ms * 1e-3;
         }
@@ -424,6 +503,17 @@ impl Circulation {
         self.pending = None;
         self.trial_pressures
             .copy_from_slice(&self.now.pressures_mmhg);
+    }
+
+    /// Blood in all compartments; `None` if one of them does not hold what flows in, so that the
+    /// circuit is open.
+    #[must_use]
+    pub fn volume(&self) -> Option<Ml> {
+        let volumes = (self.compartments.iter().enumerate()).map(|(idx, compartment)| {
+            let states = self.first_state[idx]..self.first_state[idx + 1];
+            compartment.volume_ml(&self.now.states[states])
+        });
+        volumes.sum::<Option<f64>>().map(Ml)
     }
 
     /// Copy of all committed states.
@@ -460,13 +550,13 @@ impl Circulation {
                 state.flows_ml_per_s.len(),
                 state.open.len(),
                 state.passed_ml.len(),
-            ] == [self.connections.len(); 3];
+            ] == [self.trial.len(); 3];
         if !fits {
             return Err(CirculationError::ForeignSnapshot {
                 found: state.states.len(),
                 found_paths: state.flows_ml_per_s.len(),
                 expected: self.now.states.len(),
-                expected_paths: self.connections.len(),
+                expected_paths: self.trial.len(),
             });
         }
         self.now.clone_from(state);

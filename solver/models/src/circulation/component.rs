@@ -32,6 +32,12 @@ pub trait Compartment: std::fmt::Debug + Send + Sync {
     /// Advances the state over an accepted step.
     fn advance(&self, state: &mut [f64], inflow_ml_per_s: f64, step: TimeStep);
 
+    /// Volume of blood in a state \[mL\], of a compartment that holds all that flowed in; `None` of a
+    /// source or of a load that drains to a place outside the circuit.
+    fn volume_ml(&self, _state: &[f64]) -> Option<f64> {
+        None
+    }
+
     /// Whether the pressure is independent of the inflow, so that no equation needs to be solved.
     fn is_source(&self) -> bool {
         false

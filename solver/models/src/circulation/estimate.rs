@@ -1,5 +1,4 @@
-//! Estimates of afterload and preload for a patient file without them. Every estimate describes its
-//! derivation.
+//! Estimate of the afterload for a patient file without one. It describes its derivation.
 
 use crate::roots::{RootError, increasing_root};
 use cardiotwin_units::{Mmhg, Ms};
@@ -9,9 +8,6 @@ use serde::{Deserialize, Serialize};
 /// Characteristic over peripheral resistance if no measurement separates them, our value. In 18 people
 /// without heart disease it is 4.1 % (Murgo et al. 1980, Circulation 62:105, abstract).
 pub const CHARACTERISTIC_SHARE: f64 = 0.06;
-/// Mean atrial over end-diastolic pressure; the contraction of the atrium raises the latter above
-/// the mean.
-pub const ATRIAL_SHARE: f64 = 0.75;
 /// Range of time constants in the search \[ms\].
 const TAU_RANGE_MS: (f64, f64) = (50.0, 50_000.0);
 /// A time constant above those of adults (1 to 2.5 s, our bounds) \[ms\]. Beyond it, a smaller share of R1
@@ -60,6 +56,16 @@ pub enum EstimateError {
         diastolic_mmhg: f64,
         /// Failure of the root search.
         source: RootError,
+    },
+    /// Nothing fills the ventricle.
+    #[error(
+        "no filling pressure closes a beat of {n_samples} pressure samples and {filled_ml} mL of filling"
+    )]
+    Filling {
+        /// Number of samples of the pressure.
+        n_samples: usize,
+        /// Volume that fills the ventricle in a cycle \[mL\].
+        filled_ml: f64,
     },
     /// The end-diastolic pressure is not positive.
     #[error("end-diastolic pressure {edp_mmhg} mmHg is not positive")]
@@ -221,39 +227,6 @@ pub fn windkessel(
     Ok(Estimated { value, how })
 }
 
-/// Left-atrial pressure from the end-diastolic pressure.
-///
-/// It is the usual share of that pressure, but not below the ventricular pressure at diastasis,
-/// when the mitral valve is open and both pressures are nearly equal, and not above the
-/// end-diastolic pressure.
-///
-/// # Errors
-/// [`EstimateError::EndDiastolicPressure`] if that pressure is not positive.
-pub fn left_atrial_pressure(
-    edp: Mmhg,
-    diastasis_pressure: Option<Mmhg>,
-) -> Result<Estimated<Mmhg>, EstimateError> {
-    if !(edp.0 > 0.0 && edp.0.is_finite()) {
-        return Err(EstimateError::EndDiastolicPressure { edp_mmhg: edp.0 });
-    }
-    let usual = ATRIAL_SHARE * edp.0;
-    Ok(match diastasis_pressure {
-        Some(p) if p.0 > usual => {
-            let value = Mmhg(p.0.min(edp.0));
-            Estimated {
-                value,
-                how:
-                    "estimated: ventricular pressure at diastasis, not above the end-diastolic one"
-                        .to_owned(),
-            }
-        }
-        _ => Estimated {
-            value: Mmhg(usual),
-            how: format!("estimated: {ATRIAL_SHARE} of the end-diastolic pressure"),
-        },
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -349,20 +322,5 @@ mod tests {
             windkessel(&volume(), Ms(1.0), Mmhg(70.2), Mmhg(70.0)),
             Err(EstimateError::NoLoad { .. })
         ));
-        assert!(left_atrial_pressure(Mmhg(-1.0), None).is_err());
-    }
-
-    #[test]
-    fn atrial_pressure_stays_below_end_diastole() {
-        let at = |diastasis: Option<f64>| {
-            left_atrial_pressure(Mmhg(8.0), diastasis.map(Mmhg))
-                .unwrap()
-                .value
-                .0
-        };
-        assert_eq!(
-            (at(None), at(Some(3.0)), at(Some(7.0)), at(Some(9.0))),
-            (6.0, 6.0, 7.0, 8.0)
-        );
     }
 }

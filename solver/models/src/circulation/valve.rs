@@ -32,6 +32,12 @@ impl Inertia {
             self.drive_mmhg = self.resistance * flow_ml_per_s.max(0.0);
         }
     }
+
+    /// As [`Self::prepare`], for a vessel without a valve: blood goes on backwards, too.
+    pub fn prepare_both_ways(&mut self, step: TimeStep, flow_ml_per_s: f64) {
+        self.prepare(step, flow_ml_per_s);
+        self.drive_mmhg = self.resistance * flow_ml_per_s;
+    }
 }
 
 /// Q = Δp/R_f forward and Δp/R_b backward; continuous and monotone, with a kink at Δp = 0. With

@@ -3,7 +3,7 @@
 use super::declaration::{Action, OneFibreParts};
 use super::{EffectError, EffectSetting, Kind, Measurement, Surroundings};
 use crate::circulation::left_heart::{AORTIC_VALVE, MITRAL_VALVE};
-use crate::circulation::{Circulation, LeftHeart};
+use crate::circulation::{Circulation, ClosedLoop, LeftHeart};
 use crate::ventricle::{
     ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive,
     OneFibreVentricle, OrganLaw,
@@ -23,6 +23,9 @@ pub struct BaseModel {
     pub contraction: GroupContraction,
     /// Inertance of the blood in the mitral and in the aortic valve \[mmHg·s²/mL\].
     pub inertances: [f64; 2],
+    /// Closed loop in the place of the constant atrium and the Windkessel that drains; `None` for the
+    /// open circuit.
+    pub closed: Option<ClosedLoop>,
     /// Learned correction of the wall; `None` for the one-fibre ventricle itself.
     pub law: Option<Arc<OrganLaw>>,
 }
@@ -37,6 +40,16 @@ pub struct Assembled {
     /// Artefacts between the heart and the data.
     pub measurement: Measurement,
 }
+
+/// Effects that put a part of their own in the place of one that a closed loop has, and that part.
+const OPEN_ONLY: [(&str, &str); 3] = [
+    ("atrial_kick", "an atrium at constant pressure"),
+    ("wave_reflection", "a Windkessel that drains"),
+    (
+        "ventricular_septal_defect",
+        "a right ventricle of given pressure",
+    ),
+];
 
 /// Measurement with these artefacts between heart and data.
 ///
@@ -101,7 +114,20 @@ pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled,
         heart: base.heart,
         onset: base.activation.onset,
     };
-    let mut circulation = base.heart.build()?;
+    let mut circulation = match &base.closed {
+        None => base.heart.build()?,
+        Some(closed) => {
+            for (effect, part) in OPEN_ONLY {
+                if effects
+                    .iter()
+                    .any(|e| e.effect.name == effect && !e.is_off())
+                {
+                    return Err(EffectError::NoPart { effect, part });
+                }
+            }
+            closed.build()?
+        }
+    };
     add_to_circulation(&mut circulation, &surroundings, effects)?;
     // After the effects, which may replace valves.
     for (valve, inertance) in [MITRAL_VALVE, AORTIC_VALVE].iter().zip(base.inertances) {

@@ -254,6 +254,7 @@ impl FitSubject {
             },
             contraction: GroupContraction::tanh(Tanh::new(tanh)?),
             inertances: [0.0; 2],
+            closed: None,
             law: None,
         })
     }

@@ -68,11 +68,11 @@ fn atrial_pressure(measured: &Measured, problems: &mut Vec<Problem>) {
     if let (Some(atrial), Some((edp, name))) = (measured.left_atrial_pressure, edp)
         && atrial.0 > edp
     {
-        let problem = Problem::error(
+        let problem = Problem::warning(
             measured.patient_file,
             format!("{} mmHg, above {name} of {edp:.1} mmHg", atrial.0),
-            format!("at most {edp:.1} mmHg"),
-            "the mitral valve would stand open as the beat begins: give the mean pressure of the left atrium, or remove the key to have it estimated",
+            format!("usually at most {edp:.1} mmHg"),
+            "the mitral valve is open as the beat begins, and filling goes on until the pressure rises: right for an atrium of so high a mean pressure; else correct the value, or remove the key to have it estimated",
         );
         problems.push(problem.at_key("preload.left_atrial_pressure_mmHg"));
     }

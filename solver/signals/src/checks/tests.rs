@@ -288,7 +288,7 @@ fn atrial_pressure_above_the_end_diastolic_one() {
     }
     .only();
     assert!(
-        p.is_error()
+        !p.is_error()
             && p.found
                 .contains("9.5 mmHg, above the end-diastolic pressure of 8.0"),
         "{p}"

@@ -6,7 +6,7 @@ use crate::error::TaskError;
 
 /// Removes samples after the end of the cycle, which belong to the next beat or repeat the first
 /// sample.
-pub(super) fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
+pub(in crate::tasks) fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
     let n = trace.time_ms().partition_point(|t| *t < cycle_ms - 1e-6);
     let (quantity, times, values) = (
         trace.quantity(),

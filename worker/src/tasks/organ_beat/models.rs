@@ -6,7 +6,7 @@ use std::sync::Arc;
 use cardiotwin_models::beat::{BeatSettings, Beats};
 use cardiotwin_models::calcium::{Calcium, Rice2008, Rice2008Parameters, SampledCalcium};
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
-use cardiotwin_models::circulation::{LeftHeart, StartPressure};
+use cardiotwin_models::circulation::{ClosedLoop, LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OrganLaw};
@@ -63,6 +63,7 @@ pub fn reduced(spec: &OrganBeatSpec, organ: &ReducedOrgan) -> Result<Assembled, 
         },
         contraction: contraction(spec)?,
         inertances: [0.0; 2],
+        closed: closed_loop(spec, activation.onset_ms),
         law: organ.law.clone(),
     };
     let mut assembled = assemble(base, &effects)?;
@@ -105,6 +106,16 @@ pub(super) fn heart(spec: &OrganBeatSpec) -> LeftHeart {
         )),
         cycle_length: Ms(spec.cycle_length_ms),
     }
+}
+
+/// The loop that closes the circulation behind the reduced ventricle, if the specification has one.
+fn closed_loop(spec: &OrganBeatSpec, onset_ms: f64) -> Option<ClosedLoop> {
+    let closed = spec.circulation.closed.as_ref()?;
+    Some(ClosedLoop::around(
+        heart(spec),
+        Ms(onset_ms),
+        Ml(closed.stroke_volume_ml),
+    ))
 }
 
 /// Catalogue entries of the accepted effects. Effects of the measurement are rejected, because a

@@ -567,6 +567,7 @@ pub(super) fn make(
         estimates.push(Estimate {
             key: "passive.exponent_factor".to_owned(),
             value: exponent_factor / of_effects,
+            sd: None,
             method: format!(
                 "with the stiffness of {}'s law, so that unloaded volume (Klotz 2006), image and end-diastole are met",
                 state.wall.muscle.name()

@@ -120,6 +120,7 @@ impl Measurements {
                 estimates.push(Estimate {
                     key,
                     value: image,
+                    sd: None,
                     method,
                 });
                 image

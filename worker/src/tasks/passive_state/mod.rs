@@ -312,5 +312,6 @@ fn circulation(
         initial_windkessel_pressure_mmhg,
         left_atrial_pressure_mmhg,
         effects: Vec::new(),
+        closed: None,
     })
 }

@@ -52,6 +52,7 @@ pub(super) fn onset_ms(
         estimates.push(Estimate {
             key: "solver.activation.onset_ms".to_owned(),
             value,
+            sd: None,
             method: method.to_owned(),
         });
         value

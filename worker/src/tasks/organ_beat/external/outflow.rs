@@ -69,6 +69,7 @@ mod tests {
             initial_windkessel_pressure_mmhg: 70.0,
             left_atrial_pressure_mmhg: 8.0,
             effects: vec![],
+            closed: None,
         };
         let time_ms: Vec<f64> = (0..=1000).map(f64::from).collect();
         let volume_ml = time_ms.iter().map(|t| 150.0 - 0.1 * t).collect();
