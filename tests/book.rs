@@ -105,6 +105,19 @@ fn a_first_cohort_in_ten_minutes() {
 }
 
 #[test]
+fn a_users_own_traces() {
+    let folder = tempfile::tempdir().expect("a folder");
+    run("docs/own-traces.md", folder.path());
+    for made in [
+        "own-cohort/run/report.html",
+        "own-cohort/patients/traces/prepared/understood.svg",
+        "better-cohort/patients/traces/patient.toml",
+    ] {
+        assert!(folder.path().join(made).exists(), "{made}");
+    }
+}
+
+#[test]
 fn a_patients_own_mesh() {
     let folder = tempfile::tempdir().expect("a folder");
     run("docs/own-anatomy.md", folder.path());

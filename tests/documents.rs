@@ -129,12 +129,11 @@ fn commands_and_their_flags_exist() {
 fn helps_below(program: &str, words: &mut Vec<String>, found: &mut Vec<String>) {
     let arguments: Vec<&str> = words.iter().map(String::as_str).collect();
     let text = help(program, &arguments).expect("a listed command has a help");
+    // Commands stand under one heading or several, before the options.
     let commands: Vec<String> = text
         .lines()
-        .skip_while(|line| *line != "Commands:")
-        .skip(1)
-        .take_while(|line| line.starts_with("  "))
-        .filter(|line| !line.starts_with("   "))
+        .take_while(|line| *line != "Options:")
+        .filter(|line| line.starts_with("  ") && line[2..].starts_with(|c: char| c.is_lowercase()))
         .filter_map(|line| line.split_whitespace().next())
         .filter(|command| *command != "help")
         .map(str::to_owned)

@@ -168,6 +168,8 @@ formats! {
     MESH_CHECK { "mesh check", 1, "`cardiotwin mesh check --json`", "coordinator", "people's programs", "" }
     /// Repairs of a mesh.
     MESH_REPAIR { "mesh repair", 1, "`cardiotwin mesh repair --json`", "coordinator", "people's programs", "" }
+    /// Patients from a user's own traces.
+    OWN_TRACES { "own traces", 1, "`cardiotwin init --from --json`", "coordinator", "people's programs", "" }
     /// Twins under changed conditions.
     PREDICTION { "prediction", 1, "`cardiotwin predict --json`", "coordinator", "people's programs", "" }
     /// Tables and traces of a patient.

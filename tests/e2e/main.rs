@@ -21,6 +21,7 @@ mod mesh;
 mod notices;
 mod old_run;
 mod output;
+mod own_traces;
 mod pilots;
 mod prepare;
 mod prepare_formats;

@@ -124,6 +124,40 @@ fn a_simulation_stands_alone_and_follows_the_run() {
         .as_f64()
         .unwrap();
     assert_eq!(p_max(&["--cell"]), of_run, "the verification beat");
+    assert_eq!(
+        p_max(&["--as", "step2"]),
+        of_run,
+        "the same by its other name"
+    );
+    assert_eq!(p_max(&["--as", "step1"]), p_max(&[]));
+    for (of_step, words) in [
+        (
+            "step1",
+            format!("simulated: step 1's best iteration, number {best}"),
+        ),
+        (
+            "step2",
+            "simulated: step 2's cell with step 1's valves".to_owned(),
+        ),
+        // This cohort stops before step 3.
+        (
+            "twin",
+            "simulated: the twin, which is step 2's cell: there is no step 3".to_owned(),
+        ),
+    ] {
+        let said = cohort
+            .call(&["simulate", "01-CoA", "--as", of_step])
+            .expect(0);
+        assert!(
+            said.err.contains(&words),
+            "{words:?} is not in\n{}",
+            said.err
+        );
+        let json = cohort
+            .call(&["simulate", "01-CoA", "--as", of_step, "--json"])
+            .json();
+        assert_eq!(json["simulated_as"], of_step);
+    }
 
     let said = cohort
         .call(&["simulate", "01-CoA", "--beats", "periodic", "--out", "beat"])
@@ -294,4 +328,50 @@ fn escape_sequences_in_names_of_folders_never_reach_stderr() {
             assert!(said.err.contains(&shown), "{:?}", said.err);
         }
     }
+}
+
+#[test]
+fn version_names_the_program_and_its_worker() {
+    let folder = tempfile::tempdir().unwrap();
+    let said = cardiotwin(folder.path(), &["version"]).expect(0);
+    let lines: Vec<&str> = said.out.lines().collect();
+    assert!(
+        lines[0].starts_with("cardiotwin ") && lines[1].starts_with("cardiotwin-worker "),
+        "{lines:?}"
+    );
+    let json = cardiotwin(folder.path(), &["version", "--json"]).json();
+    assert_eq!(
+        format!("cardiotwin {}", json["cardiotwin"].as_str().unwrap()),
+        lines[0]
+    );
+}
+
+#[test]
+fn status_names_patients_that_are_new_or_changed_since_the_run() {
+    let cohort = Cohort::quick();
+    let run = cohort.call(&["run", "--no-report", "--json"]).json();
+    assert_eq!(run["counts"]["done"], 2, "{run:#}");
+    let told = || cohort.call(&["status"]).expect(0).out;
+    assert!(!told().contains("since the run"), "{}", told());
+    let patients = cohort.path().join("patients");
+    let toml = patients.join("01-CoA/patient.toml");
+    let text = std::fs::read_to_string(&toml).unwrap();
+    let text = text.replace("wall_volume_mL = 120.9", "wall_volume_mL = 119.0");
+    std::fs::write(&toml, &text).unwrap();
+    let new = patients.join("P9");
+    std::fs::create_dir(&new).unwrap();
+    for name in ["pressure.csv", "volume.csv"] {
+        std::fs::copy(patients.join("01-CoA").join(name), new.join(name)).unwrap();
+    }
+    std::fs::write(
+        new.join("patient.toml"),
+        text.replace("\"01-CoA\"", "\"P9\""),
+    )
+    .unwrap();
+    let told = told();
+    assert!(told.contains("not in the run yet: P9"), "{told}");
+    assert!(
+        told.contains("changed since the run: 01-CoA (from step-0 on)"),
+        "{told}"
+    );
 }

@@ -110,7 +110,7 @@ impl Exit {
 #[cfg(test)]
 const OF_COMMANDS: [(&[&str], &[Exit]); 14] = [
     (
-        &["completions", "man", "schemas", "init"],
+        &["completions", "man", "schemas", "version"],
         &[Exit::Ok, Exit::Usage, Exit::System],
     ),
     (
@@ -162,7 +162,7 @@ const OF_COMMANDS: [(&[&str], &[Exit]); 14] = [
         ],
     ),
     (
-        &["mesh", "doctor"],
+        &["mesh", "doctor", "init"],
         &[
             Exit::Ok,
             Exit::Problems,

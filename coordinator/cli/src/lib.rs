@@ -4,14 +4,17 @@
 mod access;
 mod answer;
 mod commands;
+mod denied;
 mod error;
 mod estimate;
 mod event_log;
 mod exit;
+mod groups;
 mod kept;
 mod logging;
 mod mesh_error;
 mod notices;
+mod open;
 mod place;
 mod problems;
 mod progress;
@@ -31,7 +34,7 @@ mod vtu;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 pub use error::CliError;
 pub use exit::Exit;
@@ -39,7 +42,7 @@ pub use exit::Exit;
 use commands::{
     advance, backup, cancel, check, compare, completions, config, dashboard, discover, doctor,
     drive, explain, export, fit, housekeeping, init, logs, man, mesh, plan, predict, prepare,
-    report, rerun, retry, run, schemas, show, simulate, status, sweep, verify,
+    report, rerun, retry, run, schemas, show, simulate, status, sweep, verify, version,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -106,6 +109,7 @@ enum Command {
     Completions(completions::CompletionsArgs),
     Man(man::ManArgs),
     Schemas(schemas::SchemasArgs),
+    Version(version::VersionArgs),
     #[command(hide = true)]
     Drive(drive::DriveArgs),
 }
@@ -113,13 +117,14 @@ enum Command {
 /// The command as clap knows it, for completions, manual pages and tests.
 #[must_use]
 pub fn command() -> clap::Command {
-    Cli::command()
+    groups::grouped(Cli::command(), groups::width())
 }
 
 /// The program from its arguments to its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let given = command().get_matches();
+    let cli = Cli::from_arg_matches(&given).unwrap_or_else(|error| error.exit());
     let talk = Talk::new(cli.global.color, cli.global.quiet);
     logging::start(
         cli.global.verbose,
@@ -144,10 +149,25 @@ pub fn main() -> ExitCode {
         Ok(exit) => exit,
         Err(error) => {
             talk.error(&error);
+            if has_run_dir(&given) && denied::is_denied(&error) {
+                talk.hint("--run-dir DIR puts the run into a folder that you may write");
+            }
             error.exit()
         }
     };
     exit.into()
+}
+
+/// Whether the given command takes `--run-dir`.
+fn has_run_dir(given: &clap::ArgMatches) -> bool {
+    let Some((name, _)) = given.subcommand() else {
+        return false;
+    };
+    let program = Cli::command();
+    let arguments = program
+        .find_subcommand(name)
+        .map(clap::Command::get_arguments);
+    arguments.is_some_and(|mut all| all.any(|one| one.get_long() == Some("run-dir")))
 }
 
 async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
@@ -186,5 +206,6 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Completions(args) => completions::execute(args, Cli::command(), talk),
         Command::Man(args) => man::execute(args, Cli::command(), talk),
         Command::Schemas(args) => schemas::execute(args, talk),
+        Command::Version(args) => version::execute(args, talk),
     }
 }

@@ -1,6 +1,7 @@
 //! Snapshots of every command's help and of the problems in a broken cohort.
 
 use cardiotwin_input::{Options, Report, load};
+use clap::CommandFactory as _;
 
 use super::command;
 use crate::problems;
@@ -21,9 +22,93 @@ fn arguments_are_consistent() {
     command().debug_assert();
 }
 
+/// Commands without subcommands, with their path.
+fn leaves() -> Vec<(String, clap::Command)> {
+    let mut commands = Vec::new();
+    all(&super::Cli::command(), "", &mut commands);
+    commands
+        .into_iter()
+        .filter(|(path, command)| {
+            !path.is_empty() && !command.has_subcommands() && !command.is_hide_set()
+        })
+        .map(|(path, command)| (path.trim().to_owned(), command))
+        .collect()
+}
+
+fn takes(command: &clap::Command, option: &str) -> bool {
+    command
+        .get_arguments()
+        .any(|argument| argument.get_long() == Some(option))
+}
+
+/// Commands that print neither a table nor figures: a path, lines of another program, a sentence.
+const WITHOUT_JSON: [&str; 12] = [
+    "backup",
+    "cancel",
+    "completions",
+    "dashboard",
+    "logs",
+    "man",
+    "report",
+    "rerun",
+    "retry",
+    "schemas",
+    "sweep cancel",
+    "sweep report",
+];
+
+#[test]
+fn every_command_with_a_table_has_json() {
+    let without: Vec<String> = leaves()
+        .into_iter()
+        .filter(|(_, command)| !takes(command, "json"))
+        .map(|(path, _)| path)
+        .collect();
+    let mut without: Vec<&str> = without.iter().map(String::as_str).collect();
+    without.sort_unstable();
+    assert_eq!(
+        without, WITHOUT_JSON,
+        "a command that prints a table needs --json; one that does not is listed here"
+    );
+}
+
+/// Commands that make a page for a browser.
+const PAGES: [&str; 9] = [
+    "dashboard",
+    "discover",
+    "init",
+    "prepare",
+    "report",
+    "run",
+    "sweep gsa",
+    "sweep report",
+    "sweep robustness",
+];
+
+#[test]
+fn every_command_with_a_page_opens_it() {
+    let mut with = Vec::new();
+    for (path, command) in leaves() {
+        if takes(&command, "open") {
+            with.push(path);
+            continue;
+        }
+        let about = command
+            .get_about()
+            .map(ToString::to_string)
+            .unwrap_or_default();
+        assert!(
+            !["HTML", " page"].iter().any(|word| about.contains(word)) || path == "man",
+            "{path} makes a page: it needs --open"
+        );
+    }
+    with.sort_unstable();
+    assert_eq!(with, PAGES);
+}
+
 #[test]
 fn help_of_every_command() {
-    let mut root = command().term_width(100);
+    let mut root = super::groups::grouped(super::Cli::command(), 100).term_width(100);
     root.build();
     let mut commands = Vec::new();
     all(&root, "cardiotwin", &mut commands);

@@ -131,6 +131,27 @@ impl Ventricle {
         )
     }
 
+    /// Where the parameters of [`Self::beat_of_step1`] come from.
+    pub fn origin_of_step1(&self) -> String {
+        let record = self.record.as_ref();
+        match record.and_then(|record| PatientView(record).best_iteration()) {
+            Some(best) => format!("step 1's best iteration, number {}", best.number),
+            None if record.is_some() => {
+                "step 1's first guess, since no iteration is done".to_owned()
+            }
+            None => "step 1's first guess, since there is no run".to_owned(),
+        }
+    }
+
+    /// Where the parameters of [`Self::beat_of_twin`] come from.
+    pub fn origin_of_twin(&self) -> &'static str {
+        let record = self.record.as_ref();
+        match record.and_then(|record| record.step3.as_ref()) {
+            Some(_) => "the twin, the best of step 3",
+            None => "the twin, which is step 2's cell: there is no step 3",
+        }
+    }
+
     /// The verification beat: step 2's cell with step 1's valves.
     ///
     /// # Errors

@@ -22,6 +22,7 @@ mod layers;
 mod mesh;
 mod nearest;
 mod outside;
+pub mod own_traces;
 mod patient;
 pub mod preparation;
 mod ranges;

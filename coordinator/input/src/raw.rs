@@ -40,6 +40,8 @@ pub struct RawFolder {
     pub flow: Option<(Vec<f64>, Vec<f64>)>,
     /// Files that were read, with their hashes and numbers of rows.
     pub inputs: Vec<RawInput>,
+    /// Command that makes the patient, for the first line of `patient.toml`.
+    pub made_by: &'static str,
 }
 
 /// Reads a folder of recordings. Every problem goes to `report`. `None` if any problem is an error.
@@ -70,6 +72,7 @@ pub fn read_raw(folder: &Path, report: &mut Report) -> Option<RawFolder> {
         cine,
         flow,
         inputs,
+        made_by: "cardiotwin prepare",
     })
 }
 
@@ -463,6 +466,7 @@ impl Reader<'_> {
             aortic_pressure_mmhg: take("aortic_pressure"),
             flow_ml_per_s: take("flow"),
             ecg_mv: take("ecg"),
+            lv_volume_ml: None,
         };
         match Recording::new(&time_ms, channels) {
             Ok(recording) => Some(recording),

@@ -153,6 +153,13 @@ impl Dimension {
     }
 }
 
+impl Dimension {
+    /// Its units in lower case.
+    pub(crate) fn names(&self) -> Vec<&'static str> {
+        self.units.iter().map(|(name, _)| *name).collect()
+    }
+}
+
 /// Whether a text is the unit of any quantity, or stands for no unit.
 pub(crate) fn is_unit(text: &str) -> bool {
     let inner = text
@@ -173,6 +180,14 @@ pub(crate) struct Known {
     general: &'static [&'static str],
     /// Whether the first of several columns may be taken.
     first_of_several: bool,
+}
+
+impl Known {
+    /// Whether a laboratory calls the quantity so, also if others may bear the name.
+    /// - `name`: letters and digits in lower case
+    pub(crate) fn has_name(&self, name: &str) -> bool {
+        self.names.contains(&name) || self.general.contains(&name)
+    }
 }
 
 pub(crate) const KNOWN: [Known; 6] = [
@@ -309,7 +324,7 @@ pub(crate) const KNOWN: [Known; 6] = [
 ];
 
 /// Letters and digits of a name in lower case, without a number at its end.
-fn plain(name: &str) -> String {
+pub(crate) fn plain_name(name: &str) -> String {
     let name: String = name
         .chars()
         .filter(|c| c.is_alphanumeric())
@@ -354,7 +369,7 @@ pub(crate) fn find(labels: &[Label], wanted: &Wanted) -> Result<Match, NoMatch> 
     };
     let named = |names: &[&str]| -> Vec<usize> {
         (0..labels.len())
-            .filter(|i| names.contains(&plain(&labels[*i].name).as_str()))
+            .filter(|i| names.contains(&plain_name(&labels[*i].name).as_str()))
             .collect()
     };
     let mut places = named(known.names);

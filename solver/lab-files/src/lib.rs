@@ -21,6 +21,7 @@ mod grid;
 mod headers;
 pub mod labchart;
 mod number;
+pub mod plain;
 mod samples;
 mod stamps;
 pub mod text;

@@ -53,6 +53,8 @@ pub struct Average {
     pub aortic_pressure: Option<MeanTrace>,
     /// Flow in the aorta \[mL/s\].
     pub flow: Option<MeanTrace>,
+    /// Volume of the left ventricle that was recorded with the pressure \[mL\].
+    pub lv_volume: Option<MeanTrace>,
     /// Differences of each beat's leading pressure from the mean \[mmHg\].
     pub residuals_mmhg: Vec<Vec<f64>>,
 }
@@ -184,6 +186,7 @@ pub fn average(
             drifts.aortic_pressure,
         ),
         flow: of_channel(&recording.channels.flow_ml_per_s, None),
+        lv_volume: of_channel(&recording.channels.lv_volume_ml, None),
         residuals_mmhg: residuals,
     }
 }

@@ -42,7 +42,7 @@ pub struct Prepared {
     pub noise: Option<Noise>,
     /// Times of valve motion; `None` without the ventricle's pressure.
     pub valves: Option<ValveEvents>,
-    /// The volume; `None` without a cine series.
+    /// The volume; `None` without a cine series and a volume on the pressure's clock.
     pub volume: Option<PreparedVolume>,
 }
 
@@ -59,11 +59,14 @@ impl Prepared {
 /// The volume, with the results of each step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PreparedVolume {
+    /// Whether the volume was recorded with the pressure, on the same clock. Then no step changes it.
+    pub on_pressure_clock: bool,
     /// Frames as they were measured, on the cine's clock.
     pub original: Cine,
     /// Frames after the adjustment to the whole-heart image.
     pub adjusted: Adjusted,
-    /// Noise of an adjusted frame \[mL\].
+    /// Noise of an adjusted frame \[mL\]. Of a volume that was recorded with the pressure, the standard
+    /// error of the mean beat.
     pub noise_rms_ml: f64,
     /// Ejection on the cine's clock; `None` if the volume does not fall.
     pub ejection: Option<Ejection>,
@@ -162,10 +165,16 @@ pub fn prepare(raw: &Raw, steps: &RawSteps) -> Result<Prepared, PrepareError> {
             None => events,
         })
     });
-    let volume = raw
-        .cine
-        .as_ref()
-        .map(|cine| volume(cine, raw.whole_heart.as_ref(), &average, valves, steps));
+    let volume = match &raw.cine {
+        Some(cine) => Some(volume(
+            cine,
+            raw.whole_heart.as_ref(),
+            &average,
+            valves,
+            steps,
+        )),
+        None => recorded_with_pressure(&average, valves, steps),
+    };
     Ok(Prepared {
         found,
         reasons,
@@ -189,6 +198,31 @@ pub fn counts(reasons: &[Vec<Reason>]) -> String {
         .map(|(kind, n)| format!("{n} {kind}"))
         .collect();
     words.join(", ")
+}
+
+/// The mean of a volume that was recorded with the pressure. Neither its level nor its time is
+/// changed. `None` without such a volume, or if it has a sample that is no volume.
+fn recorded_with_pressure(
+    average: &Average,
+    valves: Option<ValveEvents>,
+    steps: &RawSteps,
+) -> Option<PreparedVolume> {
+    let trace = average.lv_volume.as_ref()?;
+    let time_ms: Vec<f64> = (0..trace.mean.len())
+        .map(|i| i as f64 * average.step_ms)
+        .collect();
+    let cine = Cine::new(time_ms, trace.mean.clone(), Some(average.cycle_length_ms)).ok()?;
+    let mut unchanged = steps.clone();
+    unchanged.volume.enabled = false;
+    unchanged.cycle.enabled = false;
+    unchanged.synchronise.enabled = false;
+    let mut prepared = volume(&cine, None, average, valves, &unchanged);
+    prepared.on_pressure_clock = true;
+    if average.n_averaged > 1 {
+        let mean_square = trace.sd.iter().map(|sd| sd * sd).sum::<f64>() / trace.sd.len() as f64;
+        prepared.noise_rms_ml = (mean_square / average.n_averaged as f64).sqrt();
+    }
+    Some(prepared)
 }
 
 fn volume(
@@ -222,6 +256,7 @@ fn volume(
     let image_time_ms =
         image.map(|image| (reconciled.map(image.time_ms) - lag.taken_ms()).rem_euclid(cycle));
     PreparedVolume {
+        on_pressure_clock: false,
         original: cine.clone(),
         noise_rms_ml: adjusted.cine.noise_rms_ml(),
         adjusted,

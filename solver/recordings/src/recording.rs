@@ -64,6 +64,9 @@ pub struct Channels {
     pub flow_ml_per_s: Option<Vec<f64>>,
     /// Voltage of the electrocardiogram \[mV\]; `None` if it was not recorded.
     pub ecg_mv: Option<Vec<f64>>,
+    /// Volume of the left ventricle on the pressure's clock \[mL\], as from a conductance catheter;
+    /// `None` if it was not recorded.
+    pub lv_volume_ml: Option<Vec<f64>>,
 }
 
 /// Channels on a common grid; a missing sample is NaN.
@@ -134,6 +137,7 @@ impl Recording {
                 aortic_pressure_mmhg: place(channels.aortic_pressure_mmhg),
                 flow_ml_per_s: place(channels.flow_ml_per_s),
                 ecg_mv: place(channels.ecg_mv),
+                lv_volume_ml: place(channels.lv_volume_ml),
             },
         })
     }

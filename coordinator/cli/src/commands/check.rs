@@ -1,5 +1,7 @@
 //! `cardiotwin check`: all errors of the input that can be found before anything runs.
 
+use std::collections::BTreeMap;
+
 use cardiotwin_engine::{load_site, without_queue};
 use cardiotwin_input::{self as input, Cohort, Finding, Options, Report};
 use cardiotwin_schemas::settings::ExecutorKind;
@@ -39,7 +41,15 @@ struct Answer<'a> {
     errors: usize,
     warnings: usize,
     problems: &'a [Finding],
+    /// Keys of patients' files that are estimated, each with the patients whose files lack them.
+    estimated: &'a Estimated<'a>,
 }
+
+/// Keys with the patients whose files lack them.
+type Estimated<'a> = BTreeMap<&'static str, Vec<&'a str>>;
+
+/// Most patients that are named for an estimated key.
+const MOST_NAMED: usize = 8;
 
 /// Checks the cohort. Problems count as data and go to stdout.
 ///
@@ -61,6 +71,7 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     }
     let (errors, warnings) = (report.n_errors(), report.n_warnings());
     let n_patients = cohort.as_ref().map_or(0, |cohort| cohort.patients.len());
+    let estimated = cohort.as_ref().map(estimated).unwrap_or_default();
     if args.json {
         let findings = problems::in_order(&report);
         talk.json(&Answer {
@@ -70,9 +81,11 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
             errors,
             warnings,
             problems: &findings,
+            estimated: &estimated,
         })?;
     } else {
         talk.data(&problems::text(&report, talk.colour_out, true))?;
+        talk.data(&in_words(&estimated, n_patients))?;
         let name = cohort
             .as_ref()
             .map_or("the cohort", |cohort| cohort.name.as_str());
@@ -94,6 +107,46 @@ pub fn execute(args: &CheckArgs, talk: &Talk) -> Result<Exit, CliError> {
     } else {
         Exit::Ok
     })
+}
+
+/// What step 0 estimates because the patients' files lack it.
+fn estimated(cohort: &Cohort) -> Estimated<'_> {
+    let mut keys = Estimated::new();
+    for patient in &cohort.patients {
+        let Some(plan) = &patient.resolved else {
+            continue;
+        };
+        let spec = plan.step0_spec();
+        for (key, is_estimated) in [
+            (
+                "anatomy.wall_volume_mL",
+                spec.wall_volume_ml.is_none() && spec.own_mesh.is_none(),
+            ),
+            ("afterload", spec.afterload.is_none()),
+            (
+                "preload.left_atrial_pressure_mmHg",
+                spec.left_atrial_pressure_mmhg.is_none(),
+            ),
+        ] {
+            if is_estimated {
+                keys.entry(key).or_default().push(&patient.id);
+            }
+        }
+    }
+    keys
+}
+
+/// A line for each estimated key, with the patients as far as they are few.
+fn in_words(estimated: &Estimated<'_>, n_patients: usize) -> String {
+    let line = |(key, patients): (&&str, &Vec<&str>)| {
+        let whose = if patients.len() > MOST_NAMED {
+            format!("{} of {}", patients.len(), count(n_patients, "patient"))
+        } else {
+            patients.join(", ")
+        };
+        format!("estimated, as no file states it: {key} ({whose})\n")
+    };
+    estimated.iter().map(line).collect()
 }
 
 /// Reports threads or ranks that no queue of the site gives.

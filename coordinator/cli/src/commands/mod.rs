@@ -32,3 +32,4 @@ pub mod simulate;
 pub mod status;
 pub mod sweep;
 pub mod verify;
+pub mod version;

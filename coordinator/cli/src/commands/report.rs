@@ -9,6 +9,7 @@ use clap::Args;
 use crate::access;
 use crate::error::CliError;
 use crate::exit::Exit;
+use crate::open::open as open_in_viewer;
 use crate::place::Place;
 use crate::store::open;
 use crate::talk::Talk;
@@ -24,6 +25,9 @@ pub struct ReportArgs {
     /// File to write [default: report.html in the run's folder]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Open the report in the desktop's viewer
+    #[arg(long)]
+    open: bool,
 }
 
 /// Writes the report and prints its path.
@@ -40,5 +44,8 @@ pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
     let paths =
         write_report(&record, cases.as_ref(), Pages::All, &out).map_err(CliError::Report)?;
     talk.data(&format!("{}\n", paths.main.display()))?;
+    if args.open {
+        open_in_viewer(&paths.main, talk);
+    }
     Ok(Exit::Ok)
 }

@@ -22,6 +22,7 @@ use crate::commands::status;
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::notices::Notifier;
+use crate::open::open as open_in_viewer;
 use crate::place::{Folders, Place};
 use crate::progress::Watcher;
 use crate::store::open;
@@ -87,6 +88,12 @@ pub struct RunArgs {
     /// Do not write a report at the end
     #[arg(long)]
     no_report: bool,
+    /// Open the report at the end in the desktop's viewer
+    #[arg(long, conflicts_with = "no_report")]
+    open: bool,
+    /// Print one JSON object at the end, as `status --json` does, instead of a table
+    #[arg(long)]
+    json: bool,
     /// Show what would be done without doing it
     #[arg(long)]
     dry_run: bool,
@@ -125,10 +132,10 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let plans = || cohort.plans();
     let told = redone::told(&folders.run, plans, &args.patients, &changes).await?;
     if args.dry_run {
-        if let Some(told) = &told {
+        if let Some(told) = told.as_ref().filter(|_| !args.json) {
             talk.data(&format!("{told}\n"))?;
         }
-        return dry_run(&cohort, &folders, talk).await;
+        return dry_run(&cohort, &folders, args.json, talk).await;
     }
     if let Some(told) = &told {
         redone::consent(told, args.yes, talk)?;
@@ -404,6 +411,10 @@ async fn finish(
     began: Instant,
     talk: &Talk,
 ) -> Result<Exit, CliError> {
+    if summary.on_cluster() && args.json {
+        talk.json(&open(folders).await?.status().await?)?;
+        return Ok(Exit::Unfinished);
+    }
     if summary.on_cluster() {
         return on_cluster(summary, folders, talk).await;
     }
@@ -420,7 +431,9 @@ async fn finish(
         );
     if !is_shown {
         let record = reader.record().await?;
-        talk.data(&summary::table(&record, ROWS, talk))?;
+        if !args.json {
+            talk.data(&summary::table(&record, ROWS, talk))?;
+        }
         if !args.no_report {
             html::write_report(&record, cases.as_ref(), Pages::Changed, &out)
                 .map_err(CliError::Report)?;
@@ -455,11 +468,18 @@ async fn finish(
             )
         )
     };
-    talk.data(&format!(
-        "{}: {} in {wall}, {tasks}\n{report}",
-        count(summary.patients, "patient"),
-        parts.join(", ")
-    ))?;
+    if args.json {
+        talk.json(&reader.status().await?)?;
+    } else {
+        talk.data(&format!(
+            "{}: {} in {wall}, {tasks}\n{report}",
+            count(summary.patients, "patient"),
+            parts.join(", ")
+        ))?;
+    }
+    if args.open {
+        open_in_viewer(&out, talk);
+    }
     if summary.stopped {
         talk.say("stopped; no finished result is lost");
         talk.hint(&format!(
@@ -534,7 +554,12 @@ pub(super) async fn on_cluster(
 }
 
 /// Prints the work that a run would do for each patient.
-async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit, CliError> {
+async fn dry_run(
+    cohort: &Cohort,
+    folders: &Folders,
+    json: bool,
+    talk: &Talk,
+) -> Result<Exit, CliError> {
     let stands: BTreeMap<PatientId, String> = match Reader::open(&folders.run).await {
         Ok(reader) => {
             let patients = reader.record().await?.patients.into_iter();
@@ -546,7 +571,7 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
     };
     let plans = cohort.plans();
     let foreseen = engine::foresee(&folders.run, &plans).await?;
-    let mut table = Columns::new(talk, &["PATIENT", "STANDS AT", "WOULD"]);
+    let mut rows = Vec::new();
     for plan in plans {
         let would = match foreseen.get(&plan.id) {
             None => "start with step 0".to_owned(),
@@ -556,8 +581,16 @@ async fn dry_run(cohort: &Cohort, folders: &Folders, talk: &Talk) -> Result<Exit
             Some(Foreseen::Redone(step)) => format!("redo {step} and all later steps"),
         };
         let stands = stands.get(&plan.id).map_or("-", String::as_str).to_owned();
-        table.row([plan.id.to_string(), stands, would]);
+        rows.push([plan.id.to_string(), stands, would]);
     }
+    if json {
+        let row = |[patient, stands_at, would]: &[String; 3]| serde_json::json!({"patient": patient, "stands_at": stands_at, "would": would});
+        let rows: Vec<_> = rows.iter().map(row).collect();
+        talk.json(&serde_json::json!({"run_dir": folders.run, "patients": rows}))?;
+        return Ok(Exit::Ok);
+    }
+    let mut table = Columns::new(talk, &["PATIENT", "STANDS AT", "WOULD"]);
+    rows.into_iter().for_each(|row| table.row(row));
     talk.data(&table.text())?;
     let executor = &cohort.settings.settings.executor;
     let workers = if executor.workers == 0 {

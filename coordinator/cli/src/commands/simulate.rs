@@ -33,8 +33,8 @@ const PERIODIC: BeatCount = BeatCount::Periodic {
 /// Simulate a patient's organ once and print its traces; files are written only with --out
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Parameters are those of the run's best iteration, or step 1's first guess if \
-                  there is no run.\n\
+    after_help = "Without --as, parameters are those of step 1's best iteration, or its first guess if \
+                  there is no run. The output says which.\n\
                   Without --out, traces go to stdout as CSV and biomarkers to stderr."
 )]
 pub struct SimulateArgs {
@@ -52,11 +52,21 @@ pub struct SimulateArgs {
     /// --beats is given)
     #[arg(long, value_enum, default_value_t = CirculationKind::Open)]
     circulation: CirculationKind,
-    /// Use the fitted cell model of step 2 instead of Tanh, as in the verification beat
-    #[arg(long)]
+    /// Parameters to simulate with: those of the twin, of step 2's cell as in the verification beat, or
+    /// of step 1's Tanh model [default: step1]
+    #[arg(
+        long = "as",
+        id = "as",
+        value_name = "twin|step1|step2",
+        value_enum,
+        hide_possible_values = true
+    )]
+    of_step: Option<Of>,
+    /// The same as --as step2
+    #[arg(long, conflicts_with = "as")]
     cell: bool,
     /// Use a contraction model of the catalogue instead of Tanh, for example bestel-clement-sorine
-    #[arg(long, value_name = "MODEL", conflicts_with = "cell")]
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["cell", "as"])]
     contraction: Option<String>,
     /// Write traces.csv, nodal.csv, spec.json and outcome.json into this folder
     #[arg(long, value_name = "DIR")]
@@ -99,6 +109,18 @@ fn close(spec: &mut OrganBeatSpec, passive: &PassiveStateResult) -> Result<(), C
     Ok(())
 }
 
+/// Origin of the simulated parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+enum Of {
+    /// The twin: the best of step 3.
+    Twin,
+    /// Step 1's Tanh model.
+    Step1,
+    /// Step 2's cell with step 1's valves.
+    Step2,
+}
+
 fn beats(text: &str) -> Result<BeatCount, String> {
     match text {
         "periodic" => Ok(PERIODIC),
@@ -113,6 +135,9 @@ fn beats(text: &str) -> Result<BeatCount, String> {
 struct Answer<'a> {
     schema_version: u32,
     patient: &'a str,
+    simulated_as: Of,
+    /// Origin of the parameters in words.
+    parameters: &'a str,
     specification: &'a OrganBeatSpec,
     result: &'a OrganBeatResult,
     /// One array per column.
@@ -139,16 +164,32 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
         },
         CirculationKind::Closed => PERIODIC,
     });
-    let mut spec = if args.cell {
-        ventricle.beat_of_step2("--cell", beats)?
-    } else {
-        ventricle.beat_of_step1(beats)
+    let simulated_as = match (args.of_step, args.cell) {
+        (Some(of_step), _) => of_step,
+        (None, true) => Of::Step2,
+        (None, false) => Of::Step1,
+    };
+    let (mut spec, mut origin) = match simulated_as {
+        Of::Step1 => (ventricle.beat_of_step1(beats), ventricle.origin_of_step1()),
+        Of::Step2 => {
+            let option = if args.cell { "--cell" } else { "--as step2" };
+            let origin = "step 2's cell with step 1's valves, as in the verification beat";
+            (ventricle.beat_of_step2(option, beats)?, origin.to_owned())
+        }
+        Of::Twin => {
+            let beat = ventricle.beat_of_twin("--as twin", beats)?;
+            (beat, ventricle.origin_of_twin().to_owned())
+        }
     };
     if let Some(name) = &args.contraction {
         spec.contraction = ContractionSpec::Catalogue {
             name: name.clone(),
             parameters: BTreeMap::new(),
         };
+        origin = format!("{name} at its defaults, with step 1's valves");
+    }
+    if !parameters.is_empty() {
+        origin.push_str(&format!(", with {}", parameters.join(", ")));
     }
     if args.circulation == CirculationKind::Closed {
         close(&mut spec, &ventricle.passive)?;
@@ -189,13 +230,18 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     };
     let traces = traces.ok_or_else(|| unexpected(&worker))?;
     let text = std::fs::read_to_string(&traces).map_err(CliError::file("read", &traces))?;
-    let screen = screen(&result, &ventricle.passive, talk);
+    let screen = format!(
+        "simulated: {origin}\n{}",
+        screen(&result, &ventricle.passive, talk)
+    );
     if args.json {
         let (patient, traces) = (args.patient.as_str(), columns(&text));
         let schema_version = cardiotwin_schemas::formats::SIMULATION.version;
         talk.json(&Answer {
             schema_version,
             patient,
+            simulated_as,
+            parameters: &origin,
             specification: &spec,
             result: &result,
             traces,

@@ -34,7 +34,8 @@ pub fn toml(
             .collect::<String>()
     };
     line(format!(
-        "# Made by `cardiotwin prepare` from {}; prepared/prepare.json records the steps.",
+        "# Made by `{}` from {}; prepared/prepare.json records the steps.",
+        folder.made_by,
         plain(&named.join(", "))
     ));
     line(format!("id = {}", quoted(id)));
@@ -58,9 +59,11 @@ pub fn toml(
         line(format!("accept = [{}]", names.join(", ")));
     }
     let (rms, correlation) = facts.pressure_noise;
+    // Samples of a continuous volume are no independent frames.
     let frames = prepared
         .volume
         .as_ref()
+        .filter(|volume| !volume.on_pressure_clock)
         .map(|volume| volume.original.time_ms.len());
     let noise = [
         (

@@ -90,6 +90,12 @@ pub fn done(folder: &RawFolder, prepared: &Prepared, facts: &Facts, load: &Load)
         noise(prepared, facts, settings),
     ];
     match &prepared.volume {
+        Some(volume) if volume.on_pressure_clock => {
+            steps.extend(["volume", "cycle", "synchronise"].map(|name| {
+                let what = "the volume was recorded with the pressure: unchanged";
+                step(name, StepState::Unchanged, what, [])
+            }));
+        }
         Some(volume) => steps.extend([
             adjusted(volume, settings),
             cycle(volume, settings),
@@ -518,7 +524,8 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
         );
     }
     said.extend(of_ecg(prepared));
-    let Some(volume) = &prepared.volume else {
+    let of_images = prepared.volume.as_ref();
+    let Some(volume) = of_images.filter(|volume| !volume.on_pressure_clock) else {
         return said;
     };
     let by_r_wave = prepared.found.source == BeatSource::RWave;

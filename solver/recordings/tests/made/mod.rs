@@ -293,6 +293,7 @@ fn record(wish: &Wish, truth: &Truth, random: &mut Random) -> Recording {
         aortic_pressure_mmhg: Some(aortic),
         flow_ml_per_s: None,
         ecg_mv: wish.ecg.then_some(ecg),
+        lv_volume_ml: None,
     };
     Recording::new(&time_ms, channels).unwrap()
 }

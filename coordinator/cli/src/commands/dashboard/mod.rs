@@ -10,6 +10,7 @@ use clap::Args;
 
 use crate::error::CliError;
 use crate::exit::Exit;
+use crate::open::open as open_in_viewer;
 use crate::place::{Folders, Place};
 use crate::talk::Talk;
 use source::RunSource;
@@ -25,6 +26,9 @@ pub struct DashboardArgs {
     /// Folder of another run or cohort that the page compares with; may be given again
     #[arg(long, value_name = "RUN")]
     compare: Vec<PathBuf>,
+    /// Open the page in the desktop's browser
+    #[arg(long)]
+    open: bool,
 }
 
 /// Prints the address of the page and serves it until Ctrl-C.
@@ -49,6 +53,9 @@ pub async fn execute(args: &DashboardArgs, talk: &Talk) -> Result<Exit, CliError
     })?;
     let server = Server::listen(args.port).await?;
     talk.data(&format!("{}\n", server.url()))?;
+    if args.open {
+        open_in_viewer(server.url().to_string(), talk);
+    }
     talk.hint(
         "open this address in a browser on this machine; Ctrl-C ends the dashboard, not the run",
     );

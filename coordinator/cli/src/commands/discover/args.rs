@@ -67,6 +67,9 @@ pub struct DiscoverArgs {
     /// Draw the traces (measured, before and after) of one patient or afterload into an SVG file
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<PathBuf>,
+    /// Open the report of the search in the desktop's viewer
+    #[arg(long, conflicts_with_all = ["revert", "afterload"])]
+    pub(super) open: bool,
     /// Folder of the searches [default: discover in the searched folder]
     #[arg(long, value_name = "DIR")]
     pub(super) run_dir: Option<PathBuf>,

@@ -21,6 +21,7 @@ use cardiotwin_sweep::discovery;
 use crate::commands::report::FILE;
 use crate::error::CliError;
 use crate::exit::Exit;
+use crate::open::open as open_in_viewer;
 use crate::place::{DATABASE, Folders};
 use crate::table::duration;
 use crate::talk::{Talk, count};
@@ -130,6 +131,9 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         count(cases.len(), "patient"),
         page.display()
     ));
+    if args.open {
+        open_in_viewer(&page, talk);
+    }
     if ended.stopped {
         talk.say("stopped; no finished result is lost, and the same command continues");
         return Ok(Exit::Interrupted);

@@ -106,7 +106,7 @@ pub fn beats(folder: &RawFolder, made: &Made) -> BeatLines {
     if let Some(valves) = prepared.valves {
         found.events = vec![
             ("aortic valve opens", valves.aortic_opening_ms),
-            ("closes", valves.aortic_closure_ms),
+            ("aortic valve closes", valves.aortic_closure_ms),
             ("mitral valve opens", valves.mitral_opening_ms),
         ];
     }

@@ -16,6 +16,7 @@ use clap::Args;
 use super::init::is_untouched;
 use crate::error::CliError;
 use crate::exit::Exit;
+use crate::open::open as open_in_viewer;
 use crate::problems;
 use crate::table::Columns;
 use crate::talk::{Talk, Tone, count};
@@ -24,7 +25,7 @@ use crate::talk::{Talk, Tone, count};
 const MOST_NAMED: usize = 12;
 
 /// Page of the preparation in the folder of its results.
-const PAGE: &str = "prepare.html";
+pub const PAGE: &str = "prepare.html";
 
 /// Create a patient's folder from continuous recordings: find, judge and average beats, adjust and
 /// synchronise volumes
@@ -56,6 +57,9 @@ pub struct PrepareArgs {
     /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
+    /// Open the page of the preparation in the desktop's viewer
+    #[arg(long, conflicts_with = "dry_run")]
+    open: bool,
 }
 
 /// Prepares a patient's folder.
@@ -93,25 +97,10 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
             errors: count(contradictions.n_errors(), "error"),
         });
     }
-    let pictures = draw(&raw, &made);
-    made.answer.written = made.files.iter().map(|(name, _)| name.clone()).collect();
-    made.answer
-        .written
-        .extend(pictures.iter().map(|(name, _)| name.clone()));
-    made.answer.written.push(format!("{PREPARED}/{PAGE}"));
-    made.answer.written.push(format!("{PREPARED}/prepare.json"));
-    made.files.extend(pictures);
+    let files = all_files(&raw, &mut made)?;
     let folder = args.patient.as_ref().filter(|_| !args.dry_run);
     if let Some(folder) = folder {
-        let text = serde_json::to_string_pretty(&made.answer).map_err(|error| CliError::Io {
-            what: "cannot write JSON",
-            source: error.into(),
-        })?;
-        made.files
-            .push((format!("{PREPARED}/prepare.json"), format!("{text}\n")));
-        made.files
-            .push((format!("{PREPARED}/{PAGE}"), page_of(&raw, &made)));
-        write(folder, &made.files).map_err(CliError::Export)?;
+        write(folder, &files).map_err(CliError::Export)?;
     }
     if args.json {
         talk.json(&made.answer)?;
@@ -125,6 +114,9 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     match folder {
         Some(folder) => {
             let errors = afterwards(folder, talk);
+            if args.open {
+                open_in_viewer(folder.join(PREPARED).join(PAGE), talk);
+            }
             if errors > 0 {
                 return Err(CliError::Recordings {
                     errors: count(errors, "error"),
@@ -137,6 +129,26 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
         ),
     }
     Ok(Exit::Ok)
+}
+
+/// Name and content of every file of the patient's folder: tables, pictures, the answer and the page.
+/// The answer then lists them.
+///
+/// # Errors
+/// [`CliError::Io`] if the answer is no JSON.
+pub fn all_files(raw: &RawFolder, made: &mut Made) -> Result<Vec<(String, String)>, CliError> {
+    let mut files = made.files.clone();
+    files.extend(draw(raw, made));
+    made.answer.written = files.iter().map(|(name, _)| name.clone()).collect();
+    made.answer.written.push(format!("{PREPARED}/{PAGE}"));
+    made.answer.written.push(format!("{PREPARED}/prepare.json"));
+    let text = serde_json::to_string_pretty(&made.answer).map_err(|error| CliError::Io {
+        what: "cannot write JSON",
+        source: error.into(),
+    })?;
+    files.push((format!("{PREPARED}/prepare.json"), format!("{text}\n")));
+    files.push((format!("{PREPARED}/{PAGE}"), page_of(raw, made)));
+    Ok(files)
 }
 
 fn id_of(raw: &RawFolder, args: &PrepareArgs) -> Result<String, CliError> {

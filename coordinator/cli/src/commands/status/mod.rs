@@ -3,6 +3,7 @@
 mod draw;
 mod page;
 mod table;
+mod unseen;
 mod watch;
 
 use std::io::IsTerminal as _;
@@ -78,6 +79,10 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
             talk.json(&status)?;
         } else {
             print(&status, rows)?;
+            if !args.watch && member == "PATIENT" {
+                let unseen = unseen::unseen(&status, &folders).await?;
+                talk.data(&unseen.words(&folders))?;
+            }
         }
         if !args.watch || Talk::reader_left() || (is_over(&status) && !status.coordinator_running) {
             return Ok(Exit::Ok);

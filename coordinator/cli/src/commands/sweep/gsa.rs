@@ -23,6 +23,7 @@ use super::outcome::{self, Answer, Phases};
 use super::screen;
 use crate::error::CliError;
 use crate::exit::Exit;
+use crate::open::open as open_in_viewer;
 use crate::place::Folders;
 use crate::talk::Talk;
 use crate::ventricle::Ventricle;
@@ -113,6 +114,9 @@ pub struct GsaArgs {
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
+    /// Open the page in the desktop's viewer
+    #[arg(long)]
+    open: bool,
 }
 
 /// Where an organ's intervals come from.
@@ -380,6 +384,11 @@ async fn finish(
             talk.data(&format!("\n{}\n", selection::toml(record, n)?.trim_end()))?;
         }
         talk.data(&screen::closing(summary, &phases, &files))?;
+    }
+    if args.open
+        && let Some(page) = outcome::page_among(&files)
+    {
+        open_in_viewer(page, talk);
     }
     hints(args, summary, talk);
     Ok(match (summary.stopped, whole) {

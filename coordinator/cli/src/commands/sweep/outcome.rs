@@ -107,6 +107,13 @@ pub async fn analysed(
     Ok(record)
 }
 
+/// The page among written files.
+pub fn page_among(files: &[PathBuf]) -> Option<&PathBuf> {
+    files
+        .iter()
+        .find(|file| file.extension().is_some_and(|ending| ending == "html"))
+}
+
 /// Writes tables, figure, page and record into the folder's `results`.
 ///
 /// # Errors

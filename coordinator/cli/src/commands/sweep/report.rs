@@ -11,6 +11,7 @@ use super::outcome::{self, Phases};
 use super::robustness;
 use crate::error::CliError;
 use crate::exit::Exit;
+use crate::open::open as open_in_viewer;
 use crate::talk::Talk;
 
 /// Write tables, figure and page from the part of a sweep that is complete
@@ -26,6 +27,9 @@ pub struct ReportArgs {
     /// organ
     #[arg(long, value_name = "N")]
     select: Option<usize>,
+    /// Open the page in the desktop's viewer
+    #[arg(long)]
+    open: bool,
 }
 
 /// Writes the files and prints their paths.
@@ -38,6 +42,9 @@ pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
         let (result, record) = robustness::stored(&args.folder, &spec).await?;
         let page = robustness::write(&result, &record, &args.folder)?;
         talk.data(&format!("{}\n", page.display()))?;
+        if args.open {
+            open_in_viewer(&page, talk);
+        }
         return Ok(Exit::Ok);
     }
     let record = outcome::analysed(&args.folder, args.blocks, &mut Phases::default()).await?;
@@ -55,5 +62,10 @@ pub async fn execute(args: &ReportArgs, talk: &Talk) -> Result<Exit, CliError> {
             .map(|file| format!("{}\n", file.display()))
             .collect::<String>(),
     )?;
+    if args.open
+        && let Some(page) = outcome::page_among(&files)
+    {
+        open_in_viewer(page, talk);
+    }
     Ok(Exit::Ok)
 }

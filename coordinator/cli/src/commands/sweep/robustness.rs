@@ -22,6 +22,7 @@ use super::on_cluster::{self, OnCluster};
 use super::robustness_text;
 use crate::error::CliError;
 use crate::exit::Exit;
+use crate::open::open as open_in_viewer;
 use crate::table::duration;
 use crate::talk::{Talk, count};
 use crate::{kept, problems, redone};
@@ -103,6 +104,9 @@ pub struct RobustnessArgs {
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
+    /// Open the page in the desktop's viewer
+    #[arg(long)]
+    open: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -172,6 +176,9 @@ pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliErro
         talk.data(&robustness_text::tables(&result, talk))?;
     }
     talk.say(&format!("tables and figure: {}", page.display()));
+    if args.open {
+        open_in_viewer(&page, talk);
+    }
     Ok(summary.map_or(Exit::Ok, |summary| ended(&summary, began, talk)))
 }
 

@@ -2,8 +2,10 @@
 //! before and after each step.
 
 mod page;
+mod understood;
 
 pub use page::{RecordingLines, preparation_page};
+pub use understood::{UnderstoodBeat, understood_svg};
 
 use super::plot::{Axis, Chart, Mark, Scale, Series, stacked};
 
@@ -143,23 +145,37 @@ fn beats_charts(beats: &BeatLines) -> Option<[Chart; 3]> {
             x: *x,
             class: "phase",
         }));
-    third.marks.extend(
-        beats
-            .events
-            .iter()
-            .enumerate()
-            .map(|(i, (name, x))| Mark::Point {
-                x: *x,
-                y: y.ends().1 - (0.05 + 0.09 * i as f64) * (y.ends().1 - y.ends().0),
-                class: "event",
-                title: format!("{name}: {x:.0} ms"),
-                label: Some(((*name).into(), 0.0, -6.0)),
-            }),
-    );
+    third
+        .marks
+        .extend(event_marks(&beats.events, &beats.mean, y));
     third
         .series
         .push(series("step2", "mean".to_owned(), beats.mean.clone()));
     Some([first, second, third])
+}
+
+/// Marks of named times on a line. Labels are centred where they stand: these are right of their dots,
+/// below a high line and above a low one, so that neither the line nor each other's text is covered.
+fn event_marks(events: &[(&'static str, f64)], line: &Line, scale: Scale) -> Vec<Mark> {
+    let (low, high, _) = scale.ends();
+    let mark = |(name, x): &(&'static str, f64)| {
+        let place = line.partition_point(|point| point.0 <= *x);
+        let y = line.get(place.checked_sub(1)?)?.1;
+        let right = 10.0 + 3.6 * name.chars().count() as f64;
+        let below = if y > low + 0.3 * (high - low) {
+            12.0
+        } else {
+            -8.0
+        };
+        Some(Mark::Point {
+            x: *x,
+            y,
+            class: "event",
+            title: format!("{name}: {x:.0} ms"),
+            label: Some(((*name).into(), right, below)),
+        })
+    };
+    events.iter().filter_map(mark).collect()
 }
 
 /// Volume and loop after each step of a preparation.

@@ -1,4 +1,10 @@
-//! `cardiotwin init`: a cohort folder to fill in. The command never overwrites a file.
+//! `cardiotwin init`: a cohort folder to fill in, or one from the user's own traces. The command never
+//! overwrites a file.
+
+mod own;
+mod said;
+mod template;
+mod twin;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -8,10 +14,18 @@ use clap::Args;
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::talk::Talk;
+use template::{COHORT, PATIENT, toml_text};
 
-/// Create a cohort folder with a commented cohort.toml and one patient to fill in, or with two example
-/// patients
+pub use template::is_untouched;
+
+/// Create a cohort folder: from your own pressure and volume traces, with two example patients, or with
+/// one patient to fill in
 #[derive(Debug, Args)]
+#[command(
+    after_help = "--from reads two columns, pressure and volume, with or without a time, one beat or many. \
+                  What the file does not tell is found from the numbers and said: columns, units, beats, \
+                  cycle, end-diastole. docs/own-traces.md has an example."
+)]
 pub struct InitArgs {
     /// Folder to create
     #[arg(value_name = "DIR")]
@@ -22,16 +36,15 @@ pub struct InitArgs {
     /// Add two patients with aortic coarctation, ready to run, instead of one to fill in
     #[arg(long)]
     example: bool,
+    #[command(flatten)]
+    own: own::FromArgs,
 }
-
-const COHORT: &str = include_str!("../templates/cohort.toml");
-const PATIENT: &str = include_str!("../templates/patient.toml");
 
 /// Files of a patient of the bundled cohort: name and text.
 macro_rules! bundled {
     ($id:literal, $($name:literal),+) => {
         ($id, &[$(($name, include_str!(concat!(
-            "../../../../examples/coa-seven/patients/", $id, "/", $name
+            "../../../../../examples/coa-seven/patients/", $id, "/", $name
         )))),+])
     };
 }
@@ -46,20 +59,6 @@ const EXAMPLE: [Folder; 2] = [
 ];
 /// The patient to fill in.
 const TEMPLATE: [Folder; 1] = [("P001", &[("patient.toml", PATIENT)])];
-
-/// Whether a patient's folder holds nothing but the template that this command writes, unedited.
-#[must_use]
-pub fn is_untouched(patient: &Path) -> bool {
-    let Ok(entries) = std::fs::read_dir(patient) else {
-        return false;
-    };
-    let only_the_template = entries
-        .map_while(Result::ok)
-        .all(|entry| entry.file_name() == "patient.toml");
-    // Some editors and version control write other line ends.
-    let text = std::fs::read_to_string(patient.join("patient.toml")).unwrap_or_default();
-    only_the_template && text.replace("\r\n", "\n") == PATIENT
-}
 
 /// Makes the folder and prints the next steps.
 ///
@@ -76,6 +75,9 @@ pub fn execute(args: &InitArgs, talk: &Talk) -> Result<Exit, CliError> {
         .clone()
         .or(folder_name)
         .unwrap_or_else(|| "cohort".to_owned());
+    if let Some(from) = &args.own.from {
+        return own::execute((&args.folder, &name), &args.own, from, talk);
+    }
     let patients: &[Folder] = if args.example { &EXAMPLE } else { &TEMPLATE };
     let cohort = COHORT.replace("{name}", &toml_text(&name));
     let mut files = vec![(args.folder.join("cohort.toml"), cohort)];
@@ -119,11 +121,6 @@ fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
         .map_err(CliError::file("write", path))
 }
 
-/// The text as a quoted TOML string.
-fn toml_text(text: &str) -> String {
-    toml::Value::String(text.to_owned()).to_string()
-}
-
 #[cfg(test)]
 mod tests {
     use cardiotwin_input::{Options, Report, load};
@@ -146,6 +143,7 @@ mod tests {
                 folder: folder.clone(),
                 name: None,
                 example: false,
+                own: own::FromArgs::default(),
             },
             &QUIET,
         )
@@ -173,6 +171,7 @@ mod tests {
             folder: parent.path().join("my-cohort"),
             name: None,
             example: true,
+            own: own::FromArgs::default(),
         };
         execute(&args, &QUIET).unwrap();
         let mut report = Report::default();
@@ -188,6 +187,7 @@ mod tests {
             folder: parent.path().to_owned(),
             name: Some("x".into()),
             example: true,
+            own: own::FromArgs::default(),
         };
         std::fs::write(parent.path().join("cohort.toml"), "mine").unwrap();
         assert!(matches!(execute(&args, &QUIET), Err(CliError::Usage(_))));
