@@ -116,11 +116,7 @@ pub const OFF: &str = "not personalised";
 /// A relative difference from the measurement in words.
 fn difference(name: &str, percent: f64) -> String {
     if name == VOLUME_GAP {
-        let side = if percent > 0.0 { "below" } else { "above" };
-        return format!(
-            "volume ends {:.0} % of SV {side} where it began",
-            percent.abs()
-        );
+        return format!("volume gap {percent:.0} %");
     }
     if percent <= -100.0 {
         return format!("{name} missing");
@@ -214,7 +210,7 @@ mod tests {
         assert!(verdict(15.9, 20.0).personalised && verdict(-15.9, 20.0).personalised);
         assert_eq!(
             verdict(18.4, 20.0).to_string(),
-            "not personalised: volume ends 23 % of SV below where it began"
+            "not personalised: volume gap 23 %"
         );
         assert_eq!(verdict(-20.0, 20.0).off_percent["volume_gap"], -25.0);
         assert!(!verdict(f64::NAN, 20.0).personalised && !verdict(9.0, 10.0).personalised);
