@@ -131,16 +131,16 @@ pub(super) fn choose(
     if time.is_none()
         && let Some(place) = rest.iter().position(|column| is_clock(&column.values))
     {
-        time = Some(guessed(rest.remove(place), "its values only grow"));
+        time = Some(guessed(rest.remove(place), "since its values only grow"));
     }
     match (&pressure, &volume, &rest[..]) {
         (None, None, [a, b]) => {
             let (p, v) = by_sense(path, a, b)?;
-            pressure = Some(guessed(p, "the loop turns as a ventricle's does"));
-            volume = Some(guessed(v, "the loop turns as a ventricle's does"));
+            pressure = Some(guessed(p, "since the loop turns as a ventricle's does"));
+            volume = Some(guessed(v, "since the loop turns as a ventricle's does"));
         }
-        (Some(_), None, [one]) => volume = Some(guessed(one, "the only other column")),
-        (None, Some(_), [one]) => pressure = Some(guessed(one, "the only other column")),
+        (Some(_), None, [one]) => volume = Some(guessed(one, "as the only other column")),
+        (None, Some(_), [one]) => pressure = Some(guessed(one, "as the only other column")),
         _ => {}
     }
     let labels = || {

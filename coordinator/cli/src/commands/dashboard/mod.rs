@@ -54,7 +54,7 @@ pub async fn execute(args: &DashboardArgs, talk: &Talk) -> Result<Exit, CliError
     let server = Server::listen(args.port).await?;
     talk.data(&format!("{}\n", server.url()))?;
     if args.open {
-        open_in_viewer(server.url().to_string(), talk);
+        open_in_viewer(server.url(), talk);
     }
     talk.hint(
         "open this address in a browser on this machine; Ctrl-C ends the dashboard, not the run",
