@@ -98,10 +98,11 @@ impl TaskSpec {
             Self::OrganBeat(_) => 14,
             Self::PassiveState(_) => 11,
             Self::Discover(_) => 9,
-            Self::Step1Proposal(_) | Self::Step3Proposal(_) => 9,
+            Self::Step3Proposal(_) => 10,
+            Self::Step1Proposal(_) => 9,
             Self::CellFit(_) => 6,
             Self::CellSweep(_) => 4,
-            Self::Posterior(_) => 6,
+            Self::Posterior(_) => 7,
             Self::Targets(_) => 3,
             Self::LearnLaw(_) | Self::Noop(_) => 1,
         }

@@ -10,6 +10,7 @@ pub mod afterload;
 pub mod calcium_fit;
 pub mod cma_es;
 pub mod cohort_law;
+mod descent;
 pub mod differential_evolution;
 pub mod fixed_point;
 pub mod identifiability;
@@ -30,5 +31,6 @@ pub mod sobol;
 pub mod space_mapping;
 pub mod statistics;
 mod storage;
+mod truncated_normal;
 
 pub use interval::{Interval, IntervalError};

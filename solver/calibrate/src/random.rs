@@ -24,6 +24,8 @@ pub(crate) enum Purpose {
     Starts = 7,
     /// Draws of a posterior.
     Posterior = 8,
+    /// Starts of descents.
+    Descents = 9,
 }
 
 /// The generator for a seed, a purpose and a position such as (generation, candidate).

@@ -3,7 +3,7 @@
 use rand::Rng;
 use rand_pcg::Pcg64;
 
-use super::descent::Mode;
+use super::mode::Mode;
 use crate::normal::quantile;
 
 /// Number of standard deviations above its expected value at which the final height of a draw

@@ -1,15 +1,18 @@
 //! Draws from a posterior by randomised maximum likelihood, made together.
 //!
-//! Each draw descends for itself, from its own point of the prior, by Levenberg–Marquardt steps. Its
-//! derivatives come from the points that all draws have evaluated. Differences are taken where a step
-//! falls short of its promise, and serve all draws. Ensembles share derivatives since Gu and Oliver 2007 (SPE J. 12:438) and Chen
+//! Each draw descends for itself by Levenberg–Marquardt steps, from the answer of the model that is
+//! linearised at the mode. Some draws, the pilots, also descend from their own points of the prior; if
+//! that serves better, the model has several valleys, and all draws do so. Derivatives come from the
+//! points that all draws have evaluated. Where a step falls short of its promise, points beside the
+//! present one are added, which serve all draws. Ensembles share derivatives since Gu and Oliver 2007 (SPE J. 12:438) and Chen
 //! and Oliver 2012 (Math. Geosci. 44:1), with one regression for all draws. Here each draw has a
 //! regression of its own, in which near points count most.
 
-use super::descent::{Aim, DAMPING, DIFFERENCE, KEPT, LONGEST, MOST_DAMPING, Mode};
 use super::draw::{Draw, deviates, farthest};
+use super::mode::Mode;
 use super::points::Points;
 use super::{Evaluated, Target};
+use crate::descent::{Aim, DAMPING, DIFFERENCE, KEPT, LONGEST, MOST_DAMPING};
 use crate::random::{Purpose, generator};
 
 /// Promised gain of the next step below which a descent ends. The heights of draws differ by √(n/2),
@@ -19,6 +22,16 @@ const GAIN: f64 = 0.25;
 const TRIES: usize = 5;
 /// A descent also ends if the last [`TRIES`] tries together gained less than this.
 const GAIN_OF_TRIES: f64 = 0.5;
+/// Distance of points beside the present one: a little more than the least at which points count.
+const BESIDE: f64 = 1.01 * DIFFERENCE;
+/// Largest number of times that a draw evaluates points beside its own.
+const PROBINGS: usize = 2;
+/// Every fifth draw also descends from its point of the prior, and so finds other valleys.
+const PILOTS: usize = 5;
+/// Fall of the height by which another valley serves better, and the share of the pilots from which
+/// on all draws look for one. Without other valleys, one pilot in twenty falls as much.
+const BETTER: f64 = 3.0;
+const SHARE_OF_PILOTS: f64 = 0.1;
 /// Number of halvings of the way from the mode to a start, before the mode itself is the start.
 const HALVINGS: usize = 6;
 
@@ -59,8 +72,16 @@ struct Member<Q> {
     farthest: f64,
     /// Ways from the mode to the remaining starts, the next one last.
     ways: Vec<Vec<f64>>,
+    /// Way from the mode to the draw of the prior.
+    to_prior: Vec<f64>,
+    /// Height at the end of the first descent.
+    first_height: Option<f64>,
+    /// Whether the descent from the draw of the prior is due after the first one, come what may.
+    is_pilot: bool,
     place: Place<Q>,
     best: Option<End<Q>>,
+    /// Number of times that points beside the present one were evaluated.
+    probings: usize,
     evaluations: usize,
 }
 
@@ -91,8 +112,8 @@ pub struct Next<Q> {
     index: usize,
     candidate: Candidate,
     found: Option<Evaluated<Q>>,
-    /// Derivatives at the present point.
-    probes: Vec<Option<Vec<f64>>>,
+    /// Points beside the present one, with the residuals there.
+    probes: Vec<(Vec<f64>, Vec<f64>)>,
 }
 
 /// Draws in the making.
@@ -102,6 +123,8 @@ pub struct Ensemble<'a, Q> {
     members: Vec<Member<Q>>,
     points: Points,
     max_tries: usize,
+    /// Whether the pilots have told if other valleys serve better.
+    is_searched: bool,
 }
 
 impl<'a, Q> Ensemble<'a, Q> {
@@ -121,20 +144,16 @@ impl<'a, Q> Ensemble<'a, Q> {
             let prior = deviates(&mut generator, mode.u.len());
             let errors = deviates(&mut generator, mode.residuals.len());
             let way: Vec<f64> = prior.iter().zip(&mode.u).map(|(p, u)| p - u).collect();
-            let aim = Aim { errors, prior };
+            let aim = Aim {
+                errors,
+                prior,
+                weight: 1.0,
+            };
             let linear = aim.step(&mode.u, &mode.residuals, &mode.jacobian, 0.0, f64::INFINITY);
             let linear = linear.map(|(step, _)| step.as_slice().to_vec());
-            let ways = std::iter::once(vec![0.0; mode.u.len()])
-                .chain(linear)
-                .chain([way])
-                .collect();
             Member {
-                aim,
-                farthest: farthest(mode),
-                ways,
-                place: Place::Start(0),
-                best: None,
-                evaluations: 0,
+                is_pilot: index % PILOTS as u64 == 0,
+                ..Member::new(aim, mode, way, linear)
             }
         };
         Self {
@@ -143,6 +162,7 @@ impl<'a, Q> Ensemble<'a, Q> {
             members: (0..n).map(member).collect(),
             points: Points::new(mode),
             max_tries,
+            is_searched: false,
         }
     }
 
@@ -162,13 +182,7 @@ impl<'a, Q> Ensemble<'a, Q> {
         let found = match candidate.purpose {
             Purposed::Nothing(_) => None,
             Purposed::Probes => {
-                let here = match &self.members[index].place {
-                    Place::At(here) => &here.found.residuals[..],
-                    _ => &[],
-                };
-                probes = (0..candidate.u.len())
-                    .map(|j| self.difference(&candidate.u, here, j))
-                    .collect();
+                probes = self.beside(&candidate.u);
                 None
             }
             _ => self.target.at(&candidate.u),
@@ -181,18 +195,20 @@ impl<'a, Q> Ensemble<'a, Q> {
         }
     }
 
-    /// Derivative of the residuals with respect to a parameter by a one-sided difference; the other
-    /// side is used where the model has no result.
-    fn difference(&self, u: &[f64], residuals: &[f64], j: usize) -> Option<Vec<f64>> {
-        // Inwards first, where the prior is dense and most models have a result.
-        let inwards = if u[j] > 0.0 { -DIFFERENCE } else { DIFFERENCE };
-        [inwards, -inwards].into_iter().find_map(|step| {
-            let mut moved = u.to_vec();
-            moved[j] += step;
-            let found = self.target.at(&moved)?;
-            let slope = |(there, here): (&f64, &f64)| (there - here) / step;
-            Some(found.residuals.iter().zip(residuals).map(slope).collect())
-        })
+    /// Points beside `u` in the direction of each coordinate, with the residuals there; the other side
+    /// where the model has no result.
+    fn beside(&self, u: &[f64]) -> Vec<(Vec<f64>, Vec<f64>)> {
+        let beside = |j: usize| {
+            // Inwards first, where the prior is dense and most models have a result.
+            let inwards = if u[j] > 0.0 { -BESIDE } else { BESIDE };
+            [inwards, -inwards].into_iter().find_map(|step| {
+                let mut moved = u.to_vec();
+                moved[j] += step;
+                let found = self.target.at(&moved)?;
+                Some((moved, found.residuals))
+            })
+        };
+        (0..u.len()).filter_map(beside).collect()
     }
 
     fn candidate(&self, member: &Member<Q>) -> Candidate {
@@ -263,13 +279,30 @@ impl<'a, Q> Ensemble<'a, Q> {
             if let Some(found) = &next.found {
                 self.points.add(&next.candidate.u, &found.residuals);
             }
-            if let (Purposed::Probes, Place::At(here)) =
-                (next.candidate.purpose, &self.members[next.index].place)
-            {
-                self.points
-                    .add_derivatives(&here.u, &here.found.residuals, &next.probes);
+            for (u, residuals) in &next.probes {
+                self.points.add(u, residuals);
             }
             self.members[next.index].advance(next);
+        }
+        if !self.is_searched && self.pending().is_empty() {
+            self.is_searched = true;
+            self.search_other_valleys();
+        }
+    }
+
+    /// Lets all draws descend from their points of the prior if that served the pilots.
+    fn search_other_valleys(&mut self) {
+        let pilots = self.members.iter().filter(|member| member.is_pilot);
+        let is_better = |member: &&Member<Q>| {
+            let best = member.best.as_ref().map(|best| best.height);
+            best.zip(member.first_height)
+                .is_some_and(|(best, first)| best < first - BETTER)
+        };
+        let n_better = pilots.clone().filter(is_better).count();
+        if n_better as f64 > SHARE_OF_PILOTS * pilots.count() as f64 {
+            for member in self.members.iter_mut().filter(|member| !member.is_pilot) {
+                member.begin_at_prior();
+            }
         }
     }
 
@@ -295,6 +328,27 @@ impl<'a, Q> Ensemble<'a, Q> {
 }
 
 impl<Q> Member<Q> {
+    /// - `linear`: way to the answer of the model that is linearised at the mode, where a descent
+    ///   needs few steps
+    fn new(aim: Aim, mode: &Mode, to_prior: Vec<f64>, linear: Option<Vec<f64>>) -> Self {
+        let ways = std::iter::once(vec![0.0; mode.u.len()])
+            .chain([to_prior.clone()])
+            .chain(linear)
+            .collect();
+        Self {
+            aim,
+            farthest: farthest(mode),
+            ways,
+            to_prior,
+            first_height: None,
+            is_pilot: false,
+            place: Place::Start(0),
+            best: None,
+            probings: 0,
+            evaluations: 0,
+        }
+    }
+
     fn advance(&mut self, next: Next<Q>) {
         let Next {
             candidate: Candidate { u, purpose },
@@ -332,6 +386,7 @@ impl<Q> Member<Q> {
                 }
             }
             Purposed::Probes => {
+                self.probings += 1;
                 if let Place::At(here) = &mut self.place {
                     (here.is_probed, here.is_doubtful) = (true, false);
                 }
@@ -349,10 +404,11 @@ impl<Q> Member<Q> {
                 }
                 here.heights.push(here.height);
                 if kept < KEPT[0] * promised {
-                    if was_probed || is_impossible {
+                    let may_probe = self.probings < PROBINGS;
+                    if was_probed || is_impossible || !may_probe {
                         here.damping *= 4.0;
                     }
-                    here.is_doubtful = !here.is_probed && !was_probed;
+                    here.is_doubtful = !here.is_probed && !was_probed && may_probe;
                 } else if kept > KEPT[1] * promised {
                     here.damping /= 5.0;
                 }
@@ -386,17 +442,28 @@ impl<Q> Member<Q> {
                 });
             }
         }
-        let is_plausible = self
-            .best
-            .as_ref()
-            .is_some_and(|best| best.height <= self.farthest);
-        if !is_plausible {
+        let height = self.best.as_ref().map(|best| best.height);
+        if self.first_height.is_none() {
+            self.first_height = height;
+            if self.is_pilot {
+                self.begin_at_prior();
+                return;
+            }
+        }
+        if height.is_none_or(|height| height > self.farthest) {
             self.begin_again();
         }
     }
 
+    fn begin_at_prior(&mut self) {
+        self.ways = vec![vec![0.0; self.to_prior.len()], self.to_prior.clone()];
+        self.place = Place::Start(0);
+        self.probings = 0;
+    }
+
     fn begin_again(&mut self) {
         self.ways.pop();
+        self.probings = 0;
         self.place = if self.ways.is_empty() {
             Place::Ended
         } else {

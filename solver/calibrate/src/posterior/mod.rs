@@ -12,27 +12,18 @@
 //! Each parameter is transformed so that its prior is standard normal ([`TruncatedNormal`]). Bounds
 //! then need no special treatment, and a direction without information in the data costs nothing.
 
-mod descent;
 mod draw;
 mod ensemble;
 mod errors;
+mod mode;
 mod points;
-mod prior;
 
-pub use descent::{Mode, mode};
+pub use crate::descent::Evaluated;
+pub use crate::truncated_normal::TruncatedNormal;
 pub use draw::Draw;
 pub use ensemble::{Ensemble, Next};
 pub use errors::TraceErrors;
-pub use prior::TruncatedNormal;
-
-/// Result of the model at given parameters.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Evaluated<Q> {
-    /// Differences from the data, independent with standard deviation 1 if the model is right.
-    pub residuals: Vec<f64>,
-    /// Further quantities whose distribution is wanted.
-    pub seen: Q,
-}
+pub use mode::{Mode, mode};
 
 /// The model and the prior.
 #[derive(Clone, Copy)]

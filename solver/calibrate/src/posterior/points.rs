@@ -2,15 +2,16 @@
 
 use nalgebra::DMatrix;
 
-use super::descent::{DIFFERENCE, Mode};
+use super::mode::Mode;
+use crate::descent::DIFFERENCE;
 
 /// Number of near points that count, over the number of parameters.
 const NEIGHBOURS: usize = 4;
 
-/// Evaluated points, and some with their derivatives.
+/// Evaluated points, and the mode with its derivatives.
 pub(super) struct Points {
-    /// Points with derivatives of shape (residuals, parameters), the mode first.
-    anchors: Vec<(Vec<f64>, DMatrix<f64>)>,
+    /// The mode, with derivatives of shape (residuals, parameters).
+    anchor: (Vec<f64>, DMatrix<f64>),
     /// Coordinates of each point.
     u: Vec<Vec<f64>>,
     /// Residuals of each point.
@@ -21,7 +22,7 @@ impl Points {
     /// No points but the mode.
     pub(super) fn new(mode: &Mode) -> Self {
         Self {
-            anchors: vec![(mode.u.clone(), mode.jacobian.clone())],
+            anchor: (mode.u.clone(), mode.jacobian.clone()),
             u: Vec::new(),
             residuals: Vec::new(),
         }
@@ -33,46 +34,19 @@ impl Points {
         self.residuals.push(residuals.to_vec());
     }
 
-    /// Adds derivatives at a point; those that are missing are estimated.
-    ///
-    /// - `columns`: derivatives with respect to each parameter
-    pub(super) fn add_derivatives(
-        &mut self,
-        u: &[f64],
-        residuals: &[f64],
-        columns: &[Option<Vec<f64>>],
-    ) {
-        let mut jacobian = self.jacobian(u, residuals);
-        for (j, column) in columns.iter().enumerate() {
-            if let Some(column) = column {
-                jacobian.column_mut(j).copy_from_slice(column);
-            }
-        }
-        self.anchors.push((u.to_vec(), jacobian));
-    }
-
     /// Derivatives of the residuals at an evaluated point, shape (residuals, parameters).
     ///
     /// The difference to a point at distance d, over d, is the derivative along its direction e with
-    /// the error d eᵀHe/2, where H is the matrix of second derivatives. Derivatives of the nearest
-    /// point that has them are off by D H e, where D is its distance. If the entries of H are independent with variance c², and
+    /// the error d eᵀHe/2, where H is the matrix of second derivatives. Derivatives of the mode
+    /// are off by D H e, where D is its distance. If the entries of H are independent with variance c², and
     /// 2c² on the diagonal, these errors have the variances c² d²/2 and c² D². The estimate of least
     /// variance is then a regression with weights 2/d² and 1/D², in which c cancels.
     pub(super) fn jacobian(&self, u: &[f64], residuals: &[f64]) -> DMatrix<f64> {
         let n = u.len();
         let square =
             |other: &[f64]| -> f64 { other.iter().zip(u).map(|(a, b)| (a - b).powi(2)).sum() };
-        let mut nearest = (f64::INFINITY, 0);
-        for (k, (anchor, _)) in self.anchors.iter().enumerate() {
-            let square = square(anchor);
-            if square < nearest.0 {
-                nearest = (square, k);
-            }
-        }
-        let (from_anchor, of_anchor) = (
-            nearest.0.max(DIFFERENCE.powi(2)),
-            &self.anchors[nearest.1].1,
-        );
+        let (mode, of_mode) = &self.anchor;
+        let from_mode = square(mode).max(DIFFERENCE.powi(2));
         let mut near: Vec<(f64, usize)> = self
             .u
             .iter()
@@ -83,7 +57,7 @@ impl Points {
             .collect();
         let n_near = near.len().min(NEIGHBOURS * n);
         if n_near == 0 {
-            return of_anchor.clone();
+            return of_mode.clone();
         }
         near.select_nth_unstable_by(n_near - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         near.truncate(n_near);
@@ -99,14 +73,14 @@ impl Points {
                 slopes[(i, k)] = scale * (other - here);
             }
         }
-        slopes -= of_anchor * &directions;
-        let prior = 1.0 / from_anchor;
+        slopes -= of_mode * &directions;
+        let prior = 1.0 / from_mode;
         let matrix = &directions * directions.transpose() + DMatrix::identity(n, n) * prior;
         let Some(factor) = matrix.cholesky() else {
-            return of_anchor.clone();
+            return of_mode.clone();
         };
         let change = factor.solve(&(directions * slopes.transpose()));
-        of_anchor + change.transpose()
+        of_mode + change.transpose()
     }
 }
 
@@ -140,7 +114,7 @@ mod tests {
     fn points(around: &[f64; 3], distance: f64) -> Points {
         let mode = vec![0.0; 3];
         let mut points = Points {
-            anchors: vec![(mode.clone(), derivatives(&mode))],
+            anchor: (mode.clone(), derivatives(&mode)),
             u: Vec::new(),
             residuals: Vec::new(),
         };
@@ -174,19 +148,5 @@ mod tests {
             alone.jacobian(&here, &residuals(&here)),
             derivatives(&[0.0; 3])
         );
-    }
-
-    #[test]
-    fn derivatives_at_a_point_count_there_and_missing_ones_are_estimated() {
-        let here = [1.5, -1.0, 2.0];
-        let exact = derivatives(&here);
-        let mut points = points(&here, 2.0);
-        let column = |j: usize| Some(exact.column(j).iter().copied().collect());
-        points.add_derivatives(&here, &residuals(&here), &[column(0), column(1), None]);
-        let found = points.jacobian(&here, &residuals(&here));
-        for j in 0..2 {
-            assert!((found.column(j) - exact.column(j)).norm() < 1e-3, "{found}");
-        }
-        assert!((found.column(2) - exact.column(2)).norm() < 0.3, "{found}");
     }
 }

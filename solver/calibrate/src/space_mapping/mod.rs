@@ -15,9 +15,10 @@ mod propose;
 mod run;
 mod trust;
 
+pub use crate::truncated_normal::Prior;
 pub use minimise::Effort;
 pub use of_step1::{Step1Problem, Step1Run, plausible, propose_step1};
-pub use propose::{Nearness, Prior, Problem, Proposal, Trial, propose};
+pub use propose::{Nearness, Problem, Proposal, Trial, propose};
 pub use run::Run;
 
 #[cfg(test)]

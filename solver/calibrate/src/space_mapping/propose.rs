@@ -1,11 +1,12 @@
 //! Proposal of the next parameters from all runs so far.
 
 use super::correction::{Correction, logarithms};
-use super::minimise::{Effort, minimise};
+use super::minimise::{Effort, Near, Residuals, Where, distance, minimise};
 use super::run::Run;
 use super::trust;
 use crate::Interval;
 use crate::fixed_point::{Cost, Outcome, Weights};
+use crate::truncated_normal::Prior;
 use cardiotwin_vocabulary::biomarkers::{Biomarker, Biomarkers};
 use serde::{Deserialize, Serialize};
 
@@ -29,15 +30,6 @@ impl From<Outcome> for Trial {
             also: Vec::new(),
         }
     }
-}
-
-/// Prior knowledge of a parameter: a normal distribution of its logarithm.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Prior {
-    /// Mean of the logarithm.
-    pub centre: f64,
-    /// Standard deviation of the logarithm.
-    pub width: f64,
 }
 
 /// Weights of the squared distance, in logarithms, from the start of a search. They select among
@@ -166,20 +158,6 @@ fn shifted(residuals: &[f64], shift: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Point that a search is held near.
-struct Near<'a> {
-    x: &'a [f64],
-    /// Weight of the squared distance.
-    weight: f64,
-    /// Misfit that the correction's error adds per distance ([`doubt`]).
-    doubt: f64,
-}
-
-fn distance(a: &[f64], b: &[f64]) -> f64 {
-    let squares = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b));
-    squares.sum::<f64>().sqrt()
-}
-
 /// Misfit that the correction's error is expected to add per distance from the base: the squared change
 /// of the models' gap from the base to another run over their distance, the mean over the other runs; 0
 /// without one. The gap is taken for a random walk, whose variance grows with the distance, because both
@@ -297,9 +275,10 @@ impl<'a> Search<'a> {
             seed,
             ..
         } = *self.problem;
-        let residuals = |x: &[f64]| -> Vec<f64> {
+        let residuals = |x: &[f64]| -> Residuals {
             let trial = (self.cheap)(x);
-            let mut all: Vec<f64> = match found(&trial.outcome) {
+            let ended = found(&trial.outcome);
+            let mut data: Vec<f64> = match ended {
                 Some(found) => weights.residuals(measured, &correction.apply(x, found)),
                 None => weights
                     .residuals(measured, &Biomarkers::default())
@@ -307,18 +286,19 @@ impl<'a> Search<'a> {
                     .map(|r| FAILED * r)
                     .collect(),
             };
-            all.extend(shifted(&trial.also, shift));
-            let weight = near.weight.sqrt();
-            all.extend(x.iter().zip(near.x).map(|(x, near)| weight * (x - near)));
-            all.push((near.doubt * distance(x, near.x)).sqrt());
-            all.extend(
-                x.iter()
-                    .zip(prior)
-                    .map(|(x, prior)| (x - prior.centre) / prior.width),
-            );
-            all
+            data.extend(shifted(&trial.also, shift));
+            Residuals {
+                data,
+                is_ended: ended.is_some(),
+            }
         };
-        let (x, asked) = minimise(&residuals, &start, intervals, effort, seed);
+        let place = Where {
+            start: &start,
+            intervals,
+            prior,
+            near,
+        };
+        let (x, asked) = minimise(&residuals, &place, effort, seed);
         let x = x?;
         let trial = (self.cheap)(&x);
         let biomarkers = correction.apply(&x, found(&trial.outcome)?);

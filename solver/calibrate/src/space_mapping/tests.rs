@@ -496,3 +496,41 @@ proptest! {
         prop_assert_eq!(run(answers.len(), &settings, &simulate).1, proposals);
     }
 }
+
+#[test]
+fn descents_from_several_starts_find_the_deeper_valley_within_the_bounds() {
+    // The residual (x² − 1)/0.1 vanishes at ±1; the second one makes −1 the better valley. The start
+    // lies in the other one.
+    let cheap = |x: &[f64]| Trial {
+        outcome: Outcome::Simulated(only(100.0)),
+        also: vec![(x[0] * x[0] - 1.0) / 0.1, x[0] + 1.0, x[1] - 5.0],
+    };
+    let (measured, start) = (only(100.0), [0.9, 0.0]);
+    let prior = [Prior {
+        centre: 0.0,
+        width: 3.0,
+    }; 2];
+    let with = |points, best| {
+        let problem = Problem {
+            start: &start,
+            intervals: &[Interval::new(-2.0, 2.0); 2],
+            prior: &prior,
+            effort: Effort::Descents {
+                points,
+                best,
+                spread: 1.0,
+                steps: 60,
+                weight_of_prior: 0.1,
+            },
+            ..plain(&measured, &[])
+        };
+        super::propose(&problem, &cheap).expect("a proposal")
+    };
+    let (one, several) = (with(0, 0), with(20, 3));
+    assert!((one.x[0] - 1.0).abs() < 0.05, "{:?}", one.x);
+    assert!((several.x[0] + 1.0).abs() < 0.05, "{:?}", several.x);
+    // The second parameter pushes against its bound.
+    assert!(several.x[1] > 1.8 && several.x[1] <= 2.0, "{:?}", several.x);
+    assert!(several.cheap_beats > one.cheap_beats);
+    assert_eq!(with(20, 3), several);
+}

@@ -4,7 +4,7 @@ use super::cell::to_state;
 use super::equilibrium::{balance_stretch, resting_state};
 use super::rodas::{Linearised, Step, linearise, try_step};
 use super::system::{LAMBDA, N, System, Vector};
-use super::{Cell0d, CellBeat, CellError, CellSolverSettings};
+use super::{Cell0d, CellBeat, CellError, CellSolverSettings, CellState};
 
 /// Absolute scale of each unknown's error, in the order of the unknowns: what the stress notices.
 const ERROR_SCALE: Vector = [0.3, 1.0, 0.03, 0.03, 0.1, 0.1, 0.03, 0.02];
@@ -33,18 +33,32 @@ impl Cell0d {
         settings: &CellSolverSettings,
         beat: &mut CellBeat,
     ) -> Result<(), CellError> {
+        prepare_grid(self, beat);
         solve(self, settings, beat)
+    }
+
+    /// State at the start of the periodic beat, without its samples, for callers that need nothing
+    /// else.
+    ///
+    /// # Errors
+    /// As [`Self::solve_periodic`].
+    pub fn periodic_start(&self, settings: &CellSolverSettings) -> Result<CellState, CellError> {
+        let mut beat = CellBeat {
+            time_ms: vec![0.0, self.cycle_length_ms],
+            ..CellBeat::default()
+        };
+        solve(self, settings, &mut beat)?;
+        Ok(beat.start_state)
     }
 }
 
-/// Runs beats as [`Cell0d::solve_periodic_into`] describes.
+/// Runs beats as [`Cell0d::solve_periodic_into`] describes, with samples at the times of `beat`.
 fn solve(
     cell: &Cell0d,
     settings: &CellSolverSettings,
     beat: &mut CellBeat,
 ) -> Result<(), CellError> {
     let system = cell.system();
-    prepare_grid(cell, beat);
     let mut start = resting_state(
         &system,
         cell.calcium().concentration_um(cell.cycle_length_ms),
@@ -304,5 +318,24 @@ fn record(system: &System<'_>, step: &Step, until: f64, beat: &mut CellBeat) {
         let y = step.at(time);
         beat.sa_kpa.push(system.active_stress_kpa(&y));
         beat.lambda.push(y[LAMBDA]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell0d::CellParameters;
+
+    #[test]
+    fn the_start_alone_is_that_of_the_whole_beat() {
+        let cell = CellParameters {
+            cycle_length_ms: 659.3,
+            ..CellParameters::default()
+        }
+        .build()
+        .unwrap();
+        let settings = CellSolverSettings::default();
+        let beat = cell.solve_periodic(&settings).unwrap();
+        assert_eq!(cell.periodic_start(&settings).unwrap(), beat.start_state);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::VentricleError;
 use crate::calcium::Calcium;
-use crate::cell0d::{Cell0d, CellBeat};
+use crate::cell0d::{Cell0d, CellBeat, CellState};
 use crate::contraction::{Contraction, Land2017, StretchReference, Tanh};
 use std::sync::Arc;
 
@@ -30,11 +30,17 @@ impl GroupContraction {
     /// Land model with the calcium of a 0D cell, started from the cell's periodic state.
     #[must_use]
     pub fn land(cell: &Cell0d, beat: &CellBeat) -> Self {
+        Self::land_from(cell, &beat.start_state)
+    }
+
+    /// Land model with the calcium of a 0D cell, started from a state of the cell.
+    #[must_use]
+    pub fn land_from(cell: &Cell0d, start: &CellState) -> Self {
         let land: Land2017 = *cell.land();
         Self {
             model: Box::new(land),
             calcium: Some(cell.shared_calcium()),
-            start_state: beat.start_state.land.to_vec(),
+            start_state: start.land.to_vec(),
             stretch: StretchReference::EndDiastole,
         }
     }

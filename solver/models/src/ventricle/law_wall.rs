@@ -2,9 +2,11 @@
 //! that agrees with it.
 
 use super::ActivationSpread;
-use super::organ_law::{LawValue, OrganLaw};
+use super::organ_law::{AtVolume, LawValue, OrganLaw, end_diastolic_x};
 use super::passive_state::OneFibrePassive;
 use crate::contraction::ActiveStress;
+use cardiotwin_vector_math::max;
+use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
 
 /// Largest distance of a group's stretch from the law in an accepted step. The stress is linearised
@@ -36,6 +38,8 @@ pub(super) struct LawWall {
     law: Arc<OrganLaw>,
     /// Mean stretch at end-diastole, from the unloaded wall.
     end_diastolic: f64,
+    /// x of the law at end-diastole.
+    end_diastolic_x: f64,
     /// Duration of each group's contraction over the mean.
     durations: Vec<f64>,
     /// Half of the wall for which each group stands, ξ: mean zero, mean square one.
@@ -51,6 +55,23 @@ pub(super) struct LawWall {
     inconsistency: f64,
 }
 
+/// Groups that one vector holds.
+const LANES: usize = 8;
+
+/// Values of a step's equations that all groups share.
+#[derive(Debug, Clone, Copy)]
+struct Shared {
+    /// Mean of the cells' stretch, its derivative per mL and per kPa.
+    mean: [f64; 3],
+    /// Deviation of the cells' stretch, likewise.
+    deviation: [f64; 3],
+    /// Mean stress at which both were taken \[kPa\].
+    at_kpa: f64,
+    coupling_per_kpa: f64,
+    response_per_kpa: f64,
+    rise_per_kpa: f64,
+}
+
 /// The equation of a group's stretch around its evaluation.
 struct Group {
     /// Residual of the stretch without the mean stresses.
@@ -61,26 +82,153 @@ struct Group {
     per_m: f64,
     /// Derivative of the residual with respect to the group's stretch.
     slope: f64,
-    sa: f64,
-    slope_of_stress: f64,
 }
 
-/// A weighted mean of the groups' stress as a linear function of T, M and the volume.
-#[derive(Debug, Default)]
-struct Sums {
-    fixed: f64,
-    per_t: f64,
-    per_m: f64,
-    per_ml: f64,
+impl Shared {
+    /// λ_g + δ_g = own + per_t T + per_m M, with T_g + T_g' δ_g in T and M.
+    #[inline(always)]
+    fn group(&self, half: f64, lambda: f64, stress: &ActiveStress) -> Group {
+        let [value, per_ml, per_kpa] = [
+            self.mean[0] + half * self.deviation[0],
+            self.mean[1] + half * self.deviation[1],
+            self.mean[2] + half * self.deviation[2],
+        ];
+        let coupling = self.coupling_per_kpa;
+        Group {
+            own: value - per_kpa * self.at_kpa - coupling * stress.sa_kpa - lambda,
+            per_ml,
+            per_t: per_kpa + coupling,
+            per_m: self.rise_per_kpa + half * (coupling - self.response_per_kpa),
+            slope: max(1.0 + coupling * stress.dsa_dlambda_kpa, SMALLEST_SLOPE),
+        }
+    }
 }
 
-impl Sums {
-    fn add(&mut self, weight: f64, group: &Group) {
-        let answer = weight * group.slope_of_stress / group.slope;
-        self.fixed += weight * group.sa + answer * group.own;
-        self.per_t += answer * group.per_t;
-        self.per_m += answer * group.per_m;
-        self.per_ml += answer * group.per_ml;
+/// Means of the groups' stress, T and M, as linear functions of T, M and the volume.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Means {
+    /// For T, then for M: the constant, and the derivatives with respect to T, M and the volume.
+    of: [[f64; 4]; 2],
+}
+
+/// Sums over the groups, to be compiled for each instruction set.
+struct Sum<'a> {
+    shared: Shared,
+    weights: &'a [f64],
+    halves: &'a [f64],
+    lambda: &'a [f64],
+    stress: &'a [ActiveStress],
+}
+
+impl WithSimd for Sum<'_> {
+    type Output = Means;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Means {
+        let mut sums = [[0.0; LANES]; 8];
+        let n = self.weights.len();
+        let mut first = 0;
+        // Lanes beyond the last group have no weight.
+        let mut last = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let mut last_stress = [ActiveStress::default(); LANES];
+        while first < n {
+            let (weights, halves, lambda, stress) = if first + LANES <= n {
+                let range = first..first + LANES;
+                (
+                    as_lanes(&self.weights[range.clone()]),
+                    as_lanes(&self.halves[range.clone()]),
+                    as_lanes(&self.lambda[range.clone()]),
+                    as_lanes(&self.stress[range]),
+                )
+            } else {
+                let left = n - first;
+                last.0[..left].copy_from_slice(&self.weights[first..]);
+                last.1[..left].copy_from_slice(&self.halves[first..]);
+                last.2[..left].copy_from_slice(&self.lambda[first..]);
+                last_stress[..left].copy_from_slice(&self.stress[first..]);
+                (&last.0, &last.1, &last.2, &last_stress)
+            };
+            for lane in 0..LANES {
+                let (weight, half) = (weights[lane], halves[lane]);
+                let group = self.shared.group(half, lambda[lane], &stress[lane]);
+                let answer = weight * stress[lane].dsa_dlambda_kpa / group.slope;
+                let fixed = weight * stress[lane].sa_kpa + answer * group.own;
+                let (per_t, per_m) = (answer * group.per_t, answer * group.per_m);
+                let per_ml = answer * group.per_ml;
+                sums[0][lane] += fixed;
+                sums[1][lane] += per_t;
+                sums[2][lane] += per_m;
+                sums[3][lane] += per_ml;
+                sums[4][lane] += half * fixed;
+                sums[5][lane] += half * per_t;
+                sums[6][lane] += half * per_m;
+                sums[7][lane] += half * per_ml;
+            }
+            first += LANES;
+        }
+        let mut of = [[0.0; 4]; 2];
+        for k in 0..8 {
+            let [a, b, c, d, e, f, g, h] = sums[k];
+            of[k / 4][k % 4] = ((a + b) + (c + d)) + ((e + f) + (g + h));
+        }
+        Means { of }
+    }
+}
+
+/// Weighted mean of the groups' stress \[kPa\]. Four sums go side by side, since a single one would
+/// wait for each addition.
+fn mean_stress(weights: &[f64], stress: &[ActiveStress]) -> f64 {
+    let mut sums = [0.0; 4];
+    for (weights, stress) in weights.chunks(4).zip(stress.chunks(4)) {
+        for (lane, (weight, stress)) in weights.iter().zip(stress).enumerate() {
+            sums[lane] += weight * stress.sa_kpa;
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
+}
+
+/// A slice of [`LANES`] values.
+#[inline(always)]
+fn as_lanes<T>(values: &[T]) -> &[T; LANES] {
+    values.first_chunk().expect("as many as lanes")
+}
+
+/// Corrections of the groups' stretch, to be compiled for each instruction set. The result is the
+/// largest of them.
+struct Correct<'a> {
+    shared: Shared,
+    /// T and M \[kPa\], and their derivatives per mL.
+    means_kpa: [f64; 2],
+    means_per_ml: [f64; 2],
+    halves: &'a [f64],
+    evaluated: &'a [f64],
+    stress: &'a [ActiveStress],
+    lambda: &'a mut [f64],
+    per_ml: &'a mut [f64],
+}
+
+impl WithSimd for Correct<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let n = self.lambda.len();
+        let (halves, evaluated) = (&self.halves[..n], &self.evaluated[..n]);
+        let (stress, per_ml) = (&self.stress[..n], &mut self.per_ml[..n]);
+        let [mean, difference] = self.means_kpa;
+        let [mean_per_ml, difference_per_ml] = self.means_per_ml;
+        let mut largest = 0.0;
+        for idx in 0..n {
+            let group = self.shared.group(halves[idx], evaluated[idx], &stress[idx]);
+            let correction =
+                (group.own + group.per_t * mean + group.per_m * difference) / group.slope;
+            largest = max(correction.abs(), largest);
+            self.lambda[idx] = evaluated[idx] + correction;
+            per_ml[idx] =
+                (group.per_ml + group.per_t * mean_per_ml + group.per_m * difference_per_ml)
+                    / group.slope;
+        }
+        largest
     }
 }
 
@@ -132,6 +280,7 @@ impl LawWall {
             durations: activation_ms.iter().map(duration).collect(),
             halves: halves(activation_ms, weights),
             end_diastolic: law.end_diastolic_stretch(passive),
+            end_diastolic_x: end_diastolic_x(passive),
             law,
             now: Stretches::default(),
             trial: Stretches::default(),
@@ -228,61 +377,49 @@ impl LawWall {
         volume_ml: f64,
     ) -> (f64, f64) {
         let ratio = cell_stretch / self.end_diastolic;
-        let evaluated_kpa: f64 = stress.iter().zip(weights).map(|(s, w)| w * s.sa_kpa).sum();
-        let coupling = self.law.coupling_per_kpa(self.now.stress_kpa);
-        let response = ratio * self.law.response_per_kpa(evaluated_kpa);
-        let rise = ratio * self.law.stretch_per_difference(evaluated_kpa);
-        let of_cells = |law: LawValue| [law.value, law.per_ml, law.per_kpa].map(|x| x * ratio);
-        let mean = of_cells(self.law.stretch(passive, volume_ml, evaluated_kpa));
-        let deviation = of_cells(self.law.deviation(passive, volume_ml, evaluated_kpa));
-        // λ_g + δ_g = own + per_t T + per_m M, with T_g + T_g' δ_g in T and M.
-        let group = |idx: usize| {
-            let (half, lambda) = (self.halves[idx], self.evaluated[idx]);
-            let ActiveStress {
-                sa_kpa: sa,
-                dsa_dlambda_kpa: slope_of_stress,
-            } = stress[idx];
-            let [value, per_ml, per_kpa]: [f64; 3] =
-                std::array::from_fn(|k| mean[k] + half * deviation[k]);
-            Group {
-                own: value - per_kpa * evaluated_kpa - coupling * sa - lambda,
-                per_ml,
-                per_t: per_kpa + coupling,
-                per_m: rise + half * (coupling - response),
-                slope: (1.0 + coupling * slope_of_stress).max(SMALLEST_SLOPE),
-                sa,
-                slope_of_stress,
-            }
+        let arch = Arch::new();
+        let at = AtVolume::with_end_diastole(passive, self.end_diastolic_x, volume_ml);
+        let at_kpa = mean_stress(weights, stress);
+        let of_cells = |law: LawValue| [law.value * ratio, law.per_ml * ratio, law.per_kpa * ratio];
+        let shared = Shared {
+            mean: of_cells(self.law.stretch_at(&at, at_kpa)),
+            deviation: of_cells(self.law.deviation_at(&at, at_kpa)),
+            at_kpa,
+            coupling_per_kpa: self.law.coupling_per_kpa(self.now.stress_kpa),
+            response_per_kpa: ratio * self.law.response_per_kpa(at_kpa),
+            rise_per_kpa: ratio * self.law.stretch_per_difference(at_kpa),
         };
-        let (mut of_t, mut of_m) = (Sums::default(), Sums::default());
-        for (idx, weight) in weights.iter().enumerate() {
-            let group = group(idx);
-            of_t.add(*weight, &group);
-            of_m.add(*weight * self.halves[idx], &group);
-        }
+        let Means { of: [of_t, of_m] } = arch.dispatch(Sum {
+            shared,
+            weights,
+            halves: &self.halves,
+            lambda: &self.evaluated,
+            stress,
+        });
         // T = of_t(T, M) and M = of_m(T, M): M is eliminated.
-        let own_m = (1.0 - of_m.per_m).max(SMALLEST_SLOPE);
-        let through_m = of_t.per_m / own_m;
-        let feedback = (1.0 - of_t.per_t - through_m * of_m.per_t).max(SMALLEST_FEEDBACK);
-        let mean_kpa = (of_t.fixed + through_m * of_m.fixed) / feedback;
-        let kpa_per_ml = (of_t.per_ml + through_m * of_m.per_ml) / feedback;
-        let difference_kpa = (of_m.fixed + of_m.per_t * mean_kpa) / own_m;
-        let difference_per_ml = (of_m.per_ml + of_m.per_t * kpa_per_ml) / own_m;
-        let mut inconsistency: f64 = 0.0;
-        for idx in 0..weights.len() {
-            let group = group(idx);
-            let correction =
-                (group.own + group.per_t * mean_kpa + group.per_m * difference_kpa) / group.slope;
-            inconsistency = inconsistency.max(correction.abs());
-            self.trial.lambda[idx] = self.evaluated[idx] + correction;
-            self.trial.per_ml[idx] =
-                (group.per_ml + group.per_t * kpa_per_ml + group.per_m * difference_per_ml)
-                    / group.slope;
-        }
+        let [t, t_per_t, t_per_m, t_per_ml] = of_t;
+        let [m, m_per_t, m_per_m, m_per_ml] = of_m;
+        let own_m = (1.0 - m_per_m).max(SMALLEST_SLOPE);
+        let through_m = t_per_m / own_m;
+        let feedback = (1.0 - t_per_t - through_m * m_per_t).max(SMALLEST_FEEDBACK);
+        let mean_kpa = (t + through_m * m) / feedback;
+        let kpa_per_ml = (t_per_ml + through_m * m_per_ml) / feedback;
+        let difference_kpa = (m + m_per_t * mean_kpa) / own_m;
+        let difference_per_ml = (m_per_ml + m_per_t * kpa_per_ml) / own_m;
+        let inconsistency = arch.dispatch(Correct {
+            shared,
+            means_kpa: [mean_kpa, difference_kpa],
+            means_per_ml: [kpa_per_ml, difference_per_ml],
+            halves: &self.halves,
+            evaluated: &self.evaluated,
+            stress,
+            lambda: &mut self.trial.lambda,
+            per_ml: &mut self.trial.per_ml,
+        });
         self.inconsistency = inconsistency;
         self.trial.volume_ml = volume_ml;
         self.trial.stress_kpa = mean_kpa;
-        let pressure = self.law.pressure(passive, volume_ml, mean_kpa);
+        let pressure = self.law.pressure_at(&at, mean_kpa);
         (
             pressure.value,
             pressure.per_ml + pressure.per_kpa * kpa_per_ml,

@@ -140,18 +140,54 @@ fn saturating(stress_kpa: f64, over_kpa: f64) -> (f64, f64) {
     (stress_kpa / sum, over_kpa / (sum * sum))
 }
 
-/// x at a volume, limited to the domain, and its derivative per mL.
-fn logarithmic_volume(passive: &OneFibrePassive, volume_ml: f64) -> (f64, f64) {
-    let of = |volume_ml: f64| (volume_ml / passive.unloaded_volume_ml).ln();
-    let high = of(passive.end_diastolic_volume_ml) + DOMAIN_X[1];
-    let (x, dx) = limited(of(volume_ml), [DOMAIN_X[0], high]);
-    (x, dx / volume_ml)
+/// A cavity volume as the law sees it. All of the law's functions share these values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AtVolume {
+    /// x, limited to the domain, and its derivative per mL.
+    x: f64,
+    per_ml: f64,
+    /// x at end-diastole.
+    x_ed: f64,
+    /// Stretch of the one-fibre ventricle from the unloaded wall, and its derivative per mL.
+    one_fibre: (f64, f64),
+    /// Passive fibre stress of the one-fibre ventricle \[kPa\], and its derivative per mL.
+    passive: (f64, f64),
+    /// Pressure per fibre stress, and its derivative per mL.
+    factor: (f64, f64),
+}
+
+impl AtVolume {
+    /// Values at a cavity volume \[mL\].
+    #[must_use]
+    pub fn new(passive: &OneFibrePassive, volume_ml: f64) -> Self {
+        Self::with_end_diastole(passive, end_diastolic_x(passive), volume_ml)
+    }
+
+    /// The same, with x at end-diastole, which is the same for all volumes.
+    pub(super) fn with_end_diastole(passive: &OneFibrePassive, x_ed: f64, volume_ml: f64) -> Self {
+        let x = (volume_ml / passive.unloaded_volume_ml).ln();
+        let (x, dx) = limited(x, [DOMAIN_X[0], x_ed + DOMAIN_X[1]]);
+        let one_fibre = unloaded_stretch(passive, volume_ml);
+        Self {
+            x,
+            per_ml: dx / volume_ml,
+            x_ed,
+            one_fibre,
+            passive: stress_at_stretch(passive, one_fibre.0, one_fibre.1),
+            factor: pressure_per_stress(volume_ml, passive.wall_volume_ml),
+        }
+    }
+}
+
+/// x at end-diastole.
+pub(super) fn end_diastolic_x(passive: &OneFibrePassive) -> f64 {
+    (passive.end_diastolic_volume_ml / passive.unloaded_volume_ml).ln()
 }
 
 /// Terms of the pressure \[kPa of fibre stress\].
-fn pressure_terms(passive: &OneFibrePassive, x: f64, stress_kpa: f64) -> [Term; N_PRESSURE] {
-    let x_ed = (passive.end_diastolic_volume_ml / passive.unloaded_volume_ml).ln();
-    let t = stress_kpa;
+#[inline]
+fn pressure_terms(at: &AtVolume, stress_kpa: f64) -> [Term; N_PRESSURE] {
+    let (x, x_ed, t) = (at.x, at.x_ed, stress_kpa);
     let (limited_t, dlimited) = limited(t, [0.0, DOMAIN_KPA]);
     let (onset, donset) = saturating(t, ONSET_KPA);
     let (onset, donset) = (ONSET_KPA * onset, ONSET_KPA * donset);
@@ -172,6 +208,7 @@ fn pressure_terms(passive: &OneFibrePassive, x: f64, stress_kpa: f64) -> [Term; 
 }
 
 /// Terms of the stretch's mean and deviation without differences of stress.
+#[inline]
 fn stretch_terms(x: f64, stress_kpa: f64) -> [Term; N_TERMS] {
     let (s, ds) = saturating(stress_kpa, REDISTRIBUTION_KPA);
     [
@@ -183,11 +220,12 @@ fn stretch_terms(x: f64, stress_kpa: f64) -> [Term; N_TERMS] {
     ]
 }
 
+#[inline]
 fn sum<const N: usize>(coefficients: &[f64; N], terms: &[Term; N]) -> Term {
     let mut sum = [0.0; 3];
-    for (c, term) in coefficients.iter().zip(terms) {
-        for (sum, term) in sum.iter_mut().zip(term) {
-            *sum += c * term;
+    for i in 0..N {
+        for k in 0..3 {
+            sum[k] += coefficients[i] * terms[i][k];
         }
     }
     sum
@@ -203,12 +241,6 @@ fn stretch_sum(coefficients: &[f64; N_STRETCH], x: f64, stress_kpa: f64) -> Term
 fn difference_row(x: f64, stress_kpa: f64, difference: f64) -> [f64; N_STRETCH] {
     let terms = stretch_terms(x, stress_kpa);
     std::array::from_fn(|i| terms.get(i).map_or(difference, |[value, ..]| *value))
-}
-
-/// Passive fibre stress of the one-fibre ventricle \[kPa\], and its derivative per mL.
-fn passive_stress(passive: &OneFibrePassive, volume_ml: f64) -> (f64, f64) {
-    let (lambda, dlambda) = unloaded_stretch(passive, volume_ml);
-    stress_at_stretch(passive, lambda, dlambda)
 }
 
 /// Stretch of the one-fibre ventricle from the unloaded wall, and its derivative per mL.
@@ -234,14 +266,20 @@ impl OrganLaw {
     /// Cavity pressure \[mmHg\] at a cavity volume \[mL\] and a mean active stress \[kPa\].
     #[must_use]
     pub fn pressure(&self, passive: &OneFibrePassive, volume_ml: f64, stress_kpa: f64) -> LawValue {
-        let (x, dx) = logarithmic_volume(passive, volume_ml);
-        let [active, per_x, per_kpa] = sum(&self.pressure, &pressure_terms(passive, x, stress_kpa));
-        let (of_one_fibre, dof_one_fibre) = passive_stress(passive, volume_ml);
-        let (factor, dfactor) = pressure_per_stress(volume_ml, passive.wall_volume_ml);
+        self.pressure_at(&AtVolume::new(passive, volume_ml), stress_kpa)
+    }
+
+    /// As [`Self::pressure`].
+    #[must_use]
+    pub fn pressure_at(&self, at: &AtVolume, stress_kpa: f64) -> LawValue {
+        let [active, per_x, per_kpa] = sum(&self.pressure, &pressure_terms(at, stress_kpa));
+        let (of_one_fibre, dof_one_fibre) = at.passive;
+        let (factor, dfactor) = at.factor;
         let stress = of_one_fibre + active;
         LawValue {
             value: MMHG_PER_KPA * stress * factor,
-            per_ml: MMHG_PER_KPA * (stress * dfactor + (dof_one_fibre + per_x * dx) * factor),
+            per_ml: MMHG_PER_KPA
+                * (stress * dfactor + (dof_one_fibre + per_x * at.per_ml) * factor),
             per_kpa: MMHG_PER_KPA * factor * per_kpa,
         }
     }
@@ -250,12 +288,17 @@ impl OrganLaw {
     /// \[kPa\], without differences of stress.
     #[must_use]
     pub fn stretch(&self, passive: &OneFibrePassive, volume_ml: f64, stress_kpa: f64) -> LawValue {
-        let (x, dx) = logarithmic_volume(passive, volume_ml);
-        let [correction, per_x, per_kpa] = stretch_sum(&self.stretch, x, stress_kpa);
-        let (lambda, dlambda) = unloaded_stretch(passive, volume_ml);
+        self.stretch_at(&AtVolume::new(passive, volume_ml), stress_kpa)
+    }
+
+    /// As [`Self::stretch`].
+    #[must_use]
+    pub fn stretch_at(&self, at: &AtVolume, stress_kpa: f64) -> LawValue {
+        let [correction, per_x, per_kpa] = stretch_sum(&self.stretch, at.x, stress_kpa);
+        let (lambda, dlambda) = at.one_fibre;
         LawValue {
             value: lambda + correction,
-            per_ml: dlambda + per_x * dx,
+            per_ml: dlambda + per_x * at.per_ml,
             per_kpa,
         }
     }
@@ -269,11 +312,16 @@ impl OrganLaw {
         volume_ml: f64,
         stress_kpa: f64,
     ) -> LawValue {
-        let (x, dx) = logarithmic_volume(passive, volume_ml);
-        let [value, per_x, per_kpa] = stretch_sum(&self.deviation, x, stress_kpa);
+        self.deviation_at(&AtVolume::new(passive, volume_ml), stress_kpa)
+    }
+
+    /// As [`Self::deviation`].
+    #[must_use]
+    pub fn deviation_at(&self, at: &AtVolume, stress_kpa: f64) -> LawValue {
+        let [value, per_x, per_kpa] = stretch_sum(&self.deviation, at.x, stress_kpa);
         LawValue {
             value,
-            per_ml: per_x * dx,
+            per_ml: per_x * at.per_ml,
             per_kpa,
         }
     }
@@ -303,9 +351,9 @@ impl OrganLaw {
         stress_kpa: f64,
         stress_deviation_kpa: f64,
     ) -> [f64; N_DEVIATION] {
-        let (x, _) = logarithmic_volume(passive, volume_ml);
+        let at = AtVolume::new(passive, volume_ml);
         let difference = stress_deviation_kpa / (stress_kpa.max(0.0) + DIFFERENCE_KPA);
-        difference_row(x, stress_kpa, -difference)
+        difference_row(at.x, stress_kpa, -difference)
     }
 
     /// Mean stretch of the relaxed wall at end-diastole, from the unloaded wall.
@@ -342,11 +390,11 @@ impl OrganLaw {
         volume_ml: f64,
         stress_kpa: f64,
     ) -> (f64, [f64; N_PRESSURE]) {
-        let factor = MMHG_PER_KPA * pressure_per_stress(volume_ml, passive.wall_volume_ml).0;
-        let (x, _) = logarithmic_volume(passive, volume_ml);
-        let terms = pressure_terms(passive, x, stress_kpa);
+        let at = AtVolume::new(passive, volume_ml);
+        let factor = MMHG_PER_KPA * at.factor.0;
+        let terms = pressure_terms(&at, stress_kpa);
         (
-            factor * passive_stress(passive, volume_ml).0,
+            factor * at.passive.0,
             terms.map(|[value, ..]| factor * value),
         )
     }
@@ -362,12 +410,9 @@ impl OrganLaw {
         stress_kpa: f64,
         stress_deviation_kpa: f64,
     ) -> (f64, [f64; N_STRETCH]) {
-        let (x, _) = logarithmic_volume(passive, volume_ml);
+        let at = AtVolume::new(passive, volume_ml);
         let difference = stress_deviation_kpa / (stress_kpa.max(0.0) + DIFFERENCE_KPA);
-        (
-            unloaded_stretch(passive, volume_ml).0,
-            difference_row(x, stress_kpa, difference),
-        )
+        (at.one_fibre.0, difference_row(at.x, stress_kpa, difference))
     }
 
     /// Whether cells of any stiffness find one stress: where no cell may change its length, the mean

@@ -13,6 +13,7 @@ use cardiotwin_mechanics::organ::{
 };
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
+use cardiotwin_models::cell0d::CellSolverSettings;
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::effects::{InThreeDimensionsParts, Surroundings, in_three_dimensions};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
@@ -498,7 +499,7 @@ fn effected(
         heart: left_heart(spec),
         onset: Ms(figures.onset_ms),
     };
-    let contraction = contraction(spec)?;
+    let contraction = contraction(spec, &CellSolverSettings::default())?;
     let effects = effects(&spec.circulation.effects)?;
     let parts = in_three_dimensions(&surroundings, reference, contraction, &effects)?;
     let (found, expected) = (about.effects_exponent_factor, parts.exponent_factor);

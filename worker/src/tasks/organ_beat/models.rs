@@ -30,6 +30,8 @@ pub struct ReducedOrgan {
     pub activation: ActivationSpec,
     /// The organ's law; `None` for the one-fibre ventricle.
     pub law: Option<Arc<OrganLaw>>,
+    /// Accuracy of the periodic cell from which the groups start.
+    pub cell_solver: CellSolverSettings,
 }
 
 impl ReducedOrgan {
@@ -40,6 +42,7 @@ impl ReducedOrgan {
             passive,
             activation,
             law: None,
+            cell_solver: CellSolverSettings::default(),
         }
     }
 }
@@ -61,7 +64,7 @@ pub fn reduced(spec: &OrganBeatSpec, organ: &ReducedOrgan) -> Result<Assembled, 
             spread: Ms(activation.spread_ms),
             n_groups: activation.groups as usize,
         },
-        contraction: contraction(spec)?,
+        contraction: contraction(spec, &organ.cell_solver)?,
         inertances: [0.0; 2],
         closed: closed_loop(spec, activation.onset_ms),
         law: organ.law.clone(),
@@ -129,7 +132,13 @@ pub(super) fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskEr
     specs.iter().map(setting).collect()
 }
 
-pub(super) fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, TaskError> {
+/// Contraction of a beat.
+///
+/// - `accuracy`: that of the periodic cell from which the groups start
+pub(super) fn contraction(
+    spec: &OrganBeatSpec,
+    accuracy: &CellSolverSettings,
+) -> Result<GroupContraction, TaskError> {
     let cycle_length_ms = spec.cycle_length_ms;
     let contraction = match &spec.contraction {
         ContractionSpec::Tanh { parameters } => Tanh::new(*parameters)
@@ -142,6 +151,7 @@ pub(super) fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, Task
             NamedCell::new(cycle_length_ms, *lambda_0)
                 .with(parameters)?
                 .parameters(),
+            accuracy,
         )?,
         ContractionSpec::Land2017Trace {
             parameters,
@@ -154,10 +164,11 @@ pub(super) fn contraction(spec: &OrganBeatSpec) -> Result<GroupContraction, Task
             let samples = calcium::samples(calcium, cycle_length_ms)?;
             let sampled =
                 SampledCalcium::new(Ms(calcium::INTERVAL_MS), samples).map_err(CellError::from)?;
-            land(CellParameters {
+            let cell = CellParameters {
                 calcium: CalciumInput::Sampled(Arc::new(sampled)),
                 ..cell
-            })?
+            };
+            land(cell, accuracy)?
         }
         ContractionSpec::Catalogue { name, parameters } => of_catalogue(name, parameters)?,
     };
@@ -205,8 +216,11 @@ fn stretch_reference(stretch: CellStretch) -> StretchReference {
 }
 
 /// Land's model, started from the periodic state of the cell.
-fn land(cell: CellParameters) -> Result<GroupContraction, TaskError> {
+fn land(
+    cell: CellParameters,
+    accuracy: &CellSolverSettings,
+) -> Result<GroupContraction, TaskError> {
     let cell = cell.build()?;
-    let beat = cell.solve_periodic(&CellSolverSettings::default())?;
-    Ok(GroupContraction::land(&cell, &beat))
+    let start = cell.periodic_start(accuracy)?;
+    Ok(GroupContraction::land_from(&cell, &start))
 }

@@ -11,7 +11,7 @@ use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
 use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step3Run};
 
-use super::axes::{axes, is_sensitive, named, point};
+use super::axes::{axes, is_sensitive, named, point, tolerated};
 use super::learned::learned_law;
 use super::{factors, law_beats, outcome, surrogate, told};
 use crate::context::Context;
@@ -57,6 +57,15 @@ const NEARBY: Effort = Effort::Evolution {
     deviation: 0.1,
     local: LOCAL,
 };
+/// Effort of a search in the organ's law, which is smooth enough for descents. Chosen on two
+/// development patients (docs/measurements/step3.md).
+const IN_LAW: Effort = Effort::Descents {
+    points: 10,
+    best: 2,
+    spread: 0.5,
+    steps: 60,
+    weight_of_prior: 0.1,
+};
 
 /// Computes the proposal.
 ///
@@ -80,14 +89,19 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
             .as_ref()
             .map_or_else(Vec::new, |traces| traces.residuals(samples))
     };
-    let cheap = |x: &[f64]| {
-        let trial = beat.with_parameters(&named(x));
-        let sensitive = is_sensitive(&trial);
-        let simulated = if sensitive {
-            reduced_beat(&trial, &organ).ok().flatten()
+    let has_law = organ.law.is_some();
+    let simulable = |x: &[f64]| -> Option<Vec<f64>> {
+        if has_law {
+            tolerated(&beat, &axes, x)
         } else {
-            None
-        };
+            is_sensitive(&beat.with_parameters(&named(x))).then(|| x.to_vec())
+        }
+    };
+    let cheap = |x: &[f64]| {
+        let simulated = simulable(x).and_then(|x| {
+            let trial = beat.with_parameters(&named(&x));
+            reduced_beat(&trial, &organ).ok().flatten()
+        });
         Trial {
             outcome: outcome(simulated.as_ref()),
             also: also(simulated.as_ref().map(|beat| &beat.samples)),
@@ -120,21 +134,28 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         expected,
         // A law learned from the organ is trusted everywhere, so that only its beats correct it.
         reach: Biomarker::OF_ORGAN.map(|b| {
-            if is_of_relaxation(b) || organ.law.is_some() {
+            if is_of_relaxation(b) || has_law {
                 f64::INFINITY
             } else {
                 REACH
             }
         }),
         first_radius: FIRST_RADIUS,
-        effort: if spec.runs.len() > 1 { NEARBY } else { FAR },
+        effort: if has_law {
+            IN_LAW
+        } else if spec.runs.len() > 1 {
+            NEARBY
+        } else {
+            FAR
+        },
         seed: spec.seed,
     };
     let proposal = propose(&problem, &cheap).ok_or(TaskError::NoProposal(
         "no beat of step 3 ended, nor does one of the one-fibre ventricle",
     ))?;
+    let x = simulable(&proposal.x).unwrap_or_else(|| proposal.x.clone());
     Ok(TaskResult::Step3Proposal(Step3ProposalResult {
-        parameters: named(&proposal.x),
+        parameters: named(&x),
         predicted: proposal.biomarkers,
         predicted_cost: proposal.cost,
         predicted_misfit: proposal.misfit,

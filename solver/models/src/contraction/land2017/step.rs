@@ -9,7 +9,7 @@
 //! The step of one node has no branches: nodes are lanes of SIMD vectors. Products are not
 //! fused with sums, so that every processor gives the same bits.
 
-use cardiotwin_vector_math::{Dual, Lane, Number, max};
+use cardiotwin_vector_math::{Dual, Lane, Number, max, min};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::Land2017;
@@ -45,6 +45,29 @@ struct Stretched {
 }
 
 impl Stretched {
+    /// Values at two stretches that nobody has checked, without branches.
+    #[inline(always)]
+    fn unchecked(cell: &Land2017, dt_ms: f64, lambda_prev: f64, lambda: f64) -> Self {
+        let sensitivity = |lambda: f64, share: f64| Dual {
+            v: cell.k.ca50(lambda),
+            d: cell.ca50_slope(lambda) * share,
+        };
+        Self {
+            rate: Dual {
+                v: (lambda - lambda_prev) / dt_ms,
+                d: 1.0 / dt_ms,
+            },
+            ca50: [
+                sensitivity(lambda_prev + GAMMA * (lambda - lambda_prev), GAMMA),
+                sensitivity(lambda, 1.0),
+            ],
+            scale: Dual {
+                v: cell.k.stress_scale * cell.k.overlap(lambda),
+                d: cell.k.stress_scale * cell.overlap_slope(lambda),
+            },
+        }
+    }
+
     fn new(
         cell: &Land2017,
         dt_ms: f64,
@@ -56,31 +79,15 @@ impl Stretched {
                 return Err(ContractionError::Stretch { lambda });
             }
         }
-        let sensitivity = |lambda: f64, share: f64| {
-            let v = cell.k.ca50(lambda);
-            if v > 0.0 {
-                Ok(Dual {
-                    v,
-                    d: cell.ca50_slope(lambda) * share,
-                })
-            } else {
-                Err(ContractionError::Sensitivity { ca50_um: v, lambda })
+        let stretched = Self::unchecked(cell, dt_ms, lambda_prev, lambda);
+        let between = lambda_prev + GAMMA * (lambda - lambda_prev);
+        for (ca50, lambda) in stretched.ca50.iter().zip([between, lambda]) {
+            if !(ca50.v > 0.0) {
+                let ca50_um = ca50.v;
+                return Err(ContractionError::Sensitivity { ca50_um, lambda });
             }
-        };
-        Ok(Self {
-            rate: Dual {
-                v: (lambda - lambda_prev) / dt_ms,
-                d: 1.0 / dt_ms,
-            },
-            ca50: [
-                sensitivity(lambda_prev + GAMMA * (lambda - lambda_prev), GAMMA)?,
-                sensitivity(lambda, 1.0)?,
-            ],
-            scale: Dual {
-                v: cell.k.stress_scale * cell.k.overlap(lambda),
-                d: cell.k.stress_scale * cell.overlap_slope(lambda),
-            },
-        })
+        }
+        Ok(stretched)
     }
 }
 
@@ -261,115 +268,110 @@ fn is_finite(stress: &ActiveStress) -> bool {
 struct Block {
     states: [[f64; LANES]; N],
     calcium_um: [[f64; LANES]; 2],
-    /// Rate, Ca50 at both stages and stress per pull, each with its derivative.
-    stretched: [[[f64; LANES]; 2]; 4],
+    /// Stretch at the start and at the end of the step.
+    lambda: [[f64; LANES]; 2],
     stress: [[f64; LANES]; 2],
 }
 
-/// A step of a block, to be compiled for each instruction set.
-struct BlockStep<'a> {
-    block: &'a mut Block,
-    shared: &'a Shared,
+/// Steps of many nodes, to be compiled for each instruction set. The result tells whether all
+/// stretches and calcium sensitivities were positive.
+struct Blocks<'a, L> {
+    cell: &'a Land2017,
+    dt_ms: f64,
+    /// Stretch of a node at the start and at the end of the step.
+    lambda: L,
+    calcium_um: [&'a [f64]; 2],
+    states: &'a [f64],
+    trials: &'a mut [f64],
+    stress: &'a mut [ActiveStress],
 }
 
-impl WithSimd for BlockStep<'_> {
-    type Output = ();
+impl<L: Fn(usize) -> [f64; 2]> WithSimd for Blocks<'_, L> {
+    type Output = bool;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Block {
-            states: [c, b, w, s, zeta_w, zeta_s],
-            calcium_um: [ca_start, ca_end],
-            stretched: [rate, first, second, scale],
-            stress: [sa, dsa],
-        } = self.block;
-        let shared = *self.shared;
-        for lane in 0..LANES {
-            let state = [
-                c[lane],
-                b[lane],
-                w[lane],
-                s[lane],
-                zeta_w[lane],
-                zeta_s[lane],
-            ];
-            let dual = |[v, d]: &[[f64; LANES]; 2]| Dual {
-                v: v[lane],
-                d: d[lane],
-            };
-            let stretched = Stretched {
-                rate: dual(rate),
-                ca50: [dual(first), dual(second)],
-                scale: dual(scale),
-            };
-            let (end, stress) = shared.step(state, [ca_start[lane], ca_end[lane]], &stretched);
-            [
-                c[lane],
-                b[lane],
-                w[lane],
-                s[lane],
-                zeta_w[lane],
-                zeta_s[lane],
-            ] = end;
-            (sa[lane], dsa[lane]) = (stress.sa_kpa, stress.dsa_dlambda_kpa);
+    fn with_simd<S: Simd>(self, _: S) -> bool {
+        let Self {
+            cell,
+            dt_ms,
+            lambda: lambda_of,
+            calcium_um,
+            states,
+            trials,
+            stress: stresses,
+        } = self;
+        let shared = Shared::new(cell, dt_ms);
+        let n = stresses.len();
+        let (calcium_start, calcium_end) = (&calcium_um[0][..n], &calcium_um[1][..n]);
+        let (states, trials) = (&states[..N * n], &mut trials[..N * n]);
+        let mut block = Block {
+            states: [[0.0; LANES]; N],
+            calcium_um: [[0.0; LANES]; 2],
+            lambda: [[0.0; LANES]; 2],
+            stress: [[0.0; LANES]; 2],
+        };
+        let mut is_sound = true;
+        for first in (0..n).step_by(LANES) {
+            let n_here = LANES.min(n - first);
+            for lane in 0..LANES {
+                // Lanes beyond the last node repeat it.
+                let node = first + lane.min(n_here - 1);
+                for i in 0..N {
+                    block.states[i][lane] = states[node * N + i];
+                }
+                block.calcium_um[0][lane] = calcium_start[node];
+                block.calcium_um[1][lane] = calcium_end[node];
+                [block.lambda[0][lane], block.lambda[1][lane]] = lambda_of(node);
+            }
+            is_sound &= step_block(&mut block, &shared, dt_ms);
+            for lane in 0..n_here {
+                let node = first + lane;
+                for i in 0..N {
+                    trials[node * N + i] = block.states[i][lane];
+                }
+                stresses[node] = ActiveStress {
+                    sa_kpa: block.stress[0][lane],
+                    dsa_dlambda_kpa: block.stress[1][lane],
+                };
+            }
         }
+        is_sound
     }
 }
 
-/// Steps of nodes with the stretch that `stretched` gives for each: the same bits as node after node.
-fn try_step_blocks(
-    cell: &Land2017,
-    dt_ms: f64,
-    mut stretched: impl FnMut(usize) -> Result<Stretched, ContractionError>,
-    [ca_start_um, ca_end_um]: [&[f64]; 2],
-    states: &[f64],
-    (trials, stress): (&mut [f64], &mut [ActiveStress]),
-) -> Result<(), ContractionError> {
-    let shared = Shared::new(cell, dt_ms);
-    let n = stress.len();
-    let mut block = Block {
-        states: [[0.0; LANES]; N],
-        calcium_um: [[0.0; LANES]; 2],
-        stretched: [[[0.0; LANES]; 2]; 4],
-        stress: [[0.0; LANES]; 2],
-    };
-    let arch = Arch::new();
-    for first in (0..n).step_by(LANES) {
-        let n_here = LANES.min(n - first);
-        for lane in 0..LANES {
-            // Lanes beyond the last node repeat it.
-            let node = first + lane.min(n_here - 1);
-            for i in 0..N {
-                block.states[i][lane] = states[node * N + i];
-            }
-            block.calcium_um[0][lane] = ca_start_um[node];
-            block.calcium_um[1][lane] = ca_end_um[node];
-            let Stretched { rate, ca50, scale } = stretched(node)?;
-            for (to, from) in block
-                .stretched
-                .iter_mut()
-                .zip([rate, ca50[0], ca50[1], scale])
-            {
-                to[0][lane] = from.v;
-                to[1][lane] = from.d;
-            }
-        }
-        arch.dispatch(BlockStep {
-            block: &mut block,
-            shared: &shared,
-        });
-        for lane in 0..n_here {
-            let node = first + lane;
-            for i in 0..N {
-                trials[node * N + i] = block.states[i][lane];
-            }
-            stress[node] = ActiveStress {
-                sa_kpa: block.stress[0][lane],
-                dsa_dlambda_kpa: block.stress[1][lane],
-            };
-        }
+/// A step of a block; whether all stretches and sensitivities are positive.
+#[inline(always)]
+fn step_block(block: &mut Block, shared: &Shared, dt_ms: f64) -> bool {
+    let Block {
+        states: [c, b, w, s, zeta_w, zeta_s],
+        calcium_um: [ca_start, ca_end],
+        lambda: [lambda_prev, lambda],
+        stress: [sa, dsa],
+    } = block;
+    let shared = *shared;
+    let mut least = [f64::INFINITY; LANES];
+    for lane in 0..LANES {
+        let state = [
+            c[lane],
+            b[lane],
+            w[lane],
+            s[lane],
+            zeta_w[lane],
+            zeta_s[lane],
+        ];
+        let stretched = Stretched::unchecked(&shared.cell, dt_ms, lambda_prev[lane], lambda[lane]);
+        let (end, stress) = shared.step(state, [ca_start[lane], ca_end[lane]], &stretched);
+        c[lane] = end[0];
+        b[lane] = end[1];
+        w[lane] = end[2];
+        s[lane] = end[3];
+        zeta_w[lane] = end[4];
+        zeta_s[lane] = end[5];
+        (sa[lane], dsa[lane]) = (stress.sa_kpa, stress.dsa_dlambda_kpa);
+        let sensitivity = min(stretched.ca50[0].v, stretched.ca50[1].v);
+        least[lane] = min(sensitivity, min(lambda_prev[lane], lambda[lane]));
     }
-    Ok(())
+    least.iter().all(|least| *least > 0.0)
 }
 
 /// Whether each node's calcium and result are numbers that [`try_step`] accepts.
@@ -387,12 +389,18 @@ pub(super) fn try_step_uniform(
     trials: &mut [f64],
     stress: &mut [ActiveStress],
 ) -> Result<(), ContractionError> {
-    let stretched = Stretched::new(cell, step.dt_ms, step.lambda_prev, step.lambda)?;
     let calcium_um = [step.ca_start_um, step.ca_end_um];
-    let of_node = |_| Ok(stretched);
-    let out = (&mut *trials, &mut *stress);
-    try_step_blocks(cell, step.dt_ms, of_node, calcium_um, states, out)?;
-    if are_sound(calcium_um, trials, stress) {
+    let stretches = [step.lambda_prev, step.lambda];
+    let made = Arch::new().dispatch(Blocks {
+        cell,
+        dt_ms: step.dt_ms,
+        lambda: |_| stretches,
+        calcium_um,
+        states,
+        trials: &mut *trials,
+        stress: &mut *stress,
+    });
+    if made && are_sound(calcium_um, trials, stress) {
         return Ok(());
     }
     // For the error of the first one that fails.
@@ -408,11 +416,18 @@ pub(super) fn try_step_each(
     stress: &mut [ActiveStress],
 ) -> Result<(), ContractionError> {
     let calcium_um = [step.ca_start_um, step.ca_end_um];
-    let of_node =
-        |node| Stretched::new(cell, step.dt_ms, step.lambda_prev[node], step.lambda[node]);
-    let out = (&mut *trials, &mut *stress);
-    let made = try_step_blocks(cell, step.dt_ms, of_node, calcium_um, states, out);
-    if made.is_ok() && are_sound(calcium_um, trials, stress) {
+    let n = stress.len();
+    let (lambda_prev, lambda) = (&step.lambda_prev[..n], &step.lambda[..n]);
+    let made = Arch::new().dispatch(Blocks {
+        cell,
+        dt_ms: step.dt_ms,
+        lambda: |node: usize| [lambda_prev[node], lambda[node]],
+        calcium_um,
+        states,
+        trials: &mut *trials,
+        stress: &mut *stress,
+    });
+    if made && are_sound(calcium_um, trials, stress) {
         return Ok(());
     }
     // For the error of the first one that fails.

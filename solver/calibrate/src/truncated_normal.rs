@@ -1,8 +1,18 @@
 //! Normal distribution within bounds, and the coordinate in which it is standard normal.
 
+use serde::{Deserialize, Serialize};
+
 use crate::Interval;
 use crate::normal::quantile;
-use crate::space_mapping::Prior;
+
+/// Prior knowledge of a parameter: a normal distribution of its logarithm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Prior {
+    /// Mean of the logarithm.
+    pub centre: f64,
+    /// Standard deviation of the logarithm.
+    pub width: f64,
+}
 
 /// Largest magnitude of the standard coordinate, beyond which lies a probability of 10⁻¹⁵.
 const FARTHEST: f64 = 8.0;

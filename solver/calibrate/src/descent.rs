@@ -1,5 +1,6 @@
 //! Levenberg–Marquardt descent of half the sum of squares of the residuals and of the distance from
-//! a point of the prior.
+//! a point of the prior, in coordinates in which the prior is standard normal
+//! ([`crate::posterior::TruncatedNormal`]). Bounds then need no special treatment.
 //!
 //! Derivatives come from finite differences and, from step to step, from Broyden's update.
 //! Differences are taken again if a step falls short of its promise, and before a descent counts as
@@ -7,13 +8,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Evaluated, Target};
-
 /// Step of a difference, in standard deviations of the prior. It must exceed the roughness of a
 /// simulated beat.
-pub(super) const DIFFERENCE: f64 = 0.02;
+pub(crate) const DIFFERENCE: f64 = 0.02;
 /// Largest change of a coordinate in one step.
-pub(super) const LONGEST: f64 = 1.0;
+pub(crate) const LONGEST: f64 = 1.0;
 /// Promised gain of the next step below which a descent ends.
 const GAIN: f64 = 0.1;
 /// Number of tries over which [`GAIN_OF_TRIES`] counts.
@@ -22,86 +21,41 @@ const TRIES: usize = 8;
 /// points of a posterior lie n/2 above its mode.
 const GAIN_OF_TRIES: f64 = 0.3;
 /// Initial damping, relative to the diagonal of the Hessian.
-pub(super) const DAMPING: f64 = 0.1;
+pub(crate) const DAMPING: f64 = 0.1;
 /// Largest damping. A descent that would need more has nowhere to go.
-pub(super) const MOST_DAMPING: f64 = 1e5;
+pub(crate) const MOST_DAMPING: f64 = 1e5;
 /// Shares of the promised gain: below the first, derivatives are taken again; above the second, the
 /// next step is damped less.
-pub(super) const KEPT: [f64; 2] = [0.25, 0.75];
+pub(crate) const KEPT: [f64; 2] = [0.25, 0.75];
 
-/// Mode of a posterior, where its density is highest.
-#[derive(Debug, Clone)]
-pub struct Mode {
-    /// Mode in standard coordinates.
-    pub u: Vec<f64>,
-    /// Residuals at the mode.
-    pub(super) residuals: Vec<f64>,
-    /// Derivatives of the residuals, shape (residuals, parameters).
-    pub(super) jacobian: DMatrix<f64>,
-    /// Number of evaluations of the model.
-    pub evaluations: usize,
+/// Result of a model at given parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluated<Q> {
+    /// Differences from the data, independent with standard deviation 1 if the model is right.
+    pub residuals: Vec<f64>,
+    /// Further quantities whose distribution is wanted.
+    pub seen: Q,
 }
 
-impl Mode {
-    /// Half the sum of squares of the residuals and of the standard coordinates.
-    #[must_use]
-    pub fn height(&self) -> f64 {
-        0.5 * self
-            .residuals
-            .iter()
-            .chain(&self.u)
-            .map(|v| v * v)
-            .sum::<f64>()
-    }
-
-    /// Sum of squares left by data and prior, over its expected value. It is about 1 if the model,
-    /// the prior and the errors are right.
-    ///
-    /// - `error_factor`: factor by which the standard deviations of the residuals were enlarged
-    #[must_use]
-    pub fn left(&self, error_factor: f64) -> f64 {
-        let squares = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
-        (error_factor.powi(2) * squares(&self.residuals) + squares(&self.u))
-            / self.residuals.len().max(1) as f64
-    }
-}
-
-/// Mode of a posterior near a point; `None` if the model has no result at the start.
-///
-/// - `start`: point in standard coordinates
-#[must_use]
-pub fn mode<Q>(target: &Target<'_, Q>, start: &[f64], max_steps: usize) -> Option<Mode> {
-    let found = target.at(start)?;
-    let aim = Aim {
-        errors: vec![0.0; found.residuals.len()],
-        prior: vec![0.0; start.len()],
-    };
-    let mut descent = Descent {
-        target,
-        aim,
-        evaluations: 1,
-    };
-    let end = descent.from(start.to_vec(), found, max_steps)?;
-    Some(Mode {
-        u: end.u,
-        residuals: end.found.residuals,
-        jacobian: end.jacobian,
-        evaluations: descent.evaluations,
-    })
-}
+/// A model as a function of standard coordinates; `None` if it has no result, which counts as
+/// impossible.
+pub(crate) type Model<'a, Q> = &'a dyn Fn(&[f64]) -> Option<Evaluated<Q>>;
 
 /// Perturbations that a descent trades off: errors of the data and a point of the prior.
-pub(super) struct Aim {
+pub(crate) struct Aim {
     /// Errors added to the residuals.
-    pub(super) errors: Vec<f64>,
+    pub(crate) errors: Vec<f64>,
     /// Point of the prior, in standard coordinates.
-    pub(super) prior: Vec<f64>,
+    pub(crate) prior: Vec<f64>,
+    /// Weight of the squared distance from that point; 1 for a posterior.
+    pub(crate) weight: f64,
 }
 
 impl Aim {
     fn parts(&self, u: &[f64], residuals: &[f64]) -> (DVector<f64>, DVector<f64>) {
         let sum = residuals.iter().zip(&self.errors).map(|(r, e)| r + e);
-        let off = u.iter().zip(&self.prior).map(|(u, p)| u - p);
+        let weight = self.weight.sqrt();
+        let off = u.iter().zip(&self.prior).map(|(u, p)| weight * (u - p));
         (
             DVector::from_iterator(residuals.len(), sum),
             DVector::from_iterator(u.len(), off),
@@ -110,14 +64,14 @@ impl Aim {
 
     /// Half the sum of squares of the perturbed residuals and of the distance from the prior's
     /// point.
-    pub(super) fn height(&self, u: &[f64], residuals: &[f64]) -> f64 {
+    pub(crate) fn height(&self, u: &[f64], residuals: &[f64]) -> f64 {
         let (data, prior) = self.parts(u, residuals);
         0.5 * (data.norm_squared() + prior.norm_squared())
     }
 
     /// The damped step from `u` and its promised gain; `None` if its matrix has no factorisation.
     /// The step is shortened if it changes a coordinate by more than `longest`.
-    pub(super) fn step(
+    pub(crate) fn step(
         &self,
         u: &[f64],
         residuals: &[f64],
@@ -126,9 +80,10 @@ impl Aim {
         longest: f64,
     ) -> Option<(DVector<f64>, f64)> {
         let (data, prior) = self.parts(u, residuals);
-        let hessian = DMatrix::identity(u.len(), u.len()) + jacobian.tr_mul(jacobian);
+        let of_prior = DMatrix::identity(u.len(), u.len()) * self.weight;
+        let hessian = of_prior + jacobian.tr_mul(jacobian);
         let damped = &hessian + DMatrix::from_diagonal(&(hessian.diagonal() * damping));
-        let slope = jacobian.tr_mul(&data) + prior;
+        let slope = jacobian.tr_mul(&data) + prior * self.weight.sqrt();
         let mut step = -damped.cholesky()?.solve(&slope);
         step *= (longest / step.amax()).min(1.0);
         let gain = -slope.dot(&step) - 0.5 * step.dot(&(&hessian * &step));
@@ -137,29 +92,29 @@ impl Aim {
 }
 
 /// A descent that counts the evaluations of the model.
-pub(super) struct Descent<'a, Q> {
-    pub(super) target: &'a Target<'a, Q>,
-    pub(super) aim: Aim,
-    pub(super) evaluations: usize,
+pub(crate) struct Descent<'a, Q> {
+    pub(crate) model: Model<'a, Q>,
+    pub(crate) aim: Aim,
+    pub(crate) evaluations: usize,
 }
 
 /// End of a descent.
-pub(super) struct End<Q> {
-    pub(super) u: Vec<f64>,
-    pub(super) found: Evaluated<Q>,
-    pub(super) jacobian: DMatrix<f64>,
+pub(crate) struct End<Q> {
+    pub(crate) u: Vec<f64>,
+    pub(crate) found: Evaluated<Q>,
+    pub(crate) jacobian: DMatrix<f64>,
 }
 
 impl<Q> Descent<'_, Q> {
-    pub(super) fn at(&mut self, u: &[f64]) -> Option<Evaluated<Q>> {
+    pub(crate) fn at(&mut self, u: &[f64]) -> Option<Evaluated<Q>> {
         self.evaluations += 1;
-        self.target.at(u)
+        (self.model)(u)
     }
 
     /// Descends from `u`, where the model returned `found`.
     ///
     /// - `max_steps`: limit of tries, including those without gain
-    pub(super) fn from(
+    pub(crate) fn from(
         &mut self,
         mut u: Vec<f64>,
         mut found: Evaluated<Q>,
