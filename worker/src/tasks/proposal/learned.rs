@@ -78,14 +78,14 @@ fn pressures(law: &OrganLaw, wall: &OneFibrePassive, beat: &LawBeat<'_>) -> Vec<
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
     use crate::tasks::sweep::organ::tests::beat;
     use cardiotwin_calibrate::organ_law::shipped_prior;
     use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
     use cardiotwin_schemas::organ_law::N_LAW_SAMPLES;
 
-    pub(in super::super) fn organ() -> OrganBeatSpec {
+    fn organ() -> OrganBeatSpec {
         let ventricle = InputFile {
             name: "ventricle".into(),
             path: "ventricle.bin".into(),
