@@ -113,3 +113,18 @@ pub fn read_trace(input: &InputFile, quantity: Quantity) -> Result<Trace, TaskEr
         message,
     })
 }
+
+/// Removes samples after the end of the cycle, which belong to the next beat or repeat the first
+/// sample.
+pub fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
+    let n = trace.time_ms().partition_point(|t| *t < cycle_ms - 1e-6);
+    let (quantity, times, values) = (
+        trace.quantity(),
+        &trace.time_ms()[..n],
+        &trace.values()[..n],
+    );
+    Trace::new(quantity, times.to_vec(), values.to_vec()).map_err(|error| TaskError::Measured {
+        role: quantity.column().to_owned(),
+        message: error.to_string(),
+    })
+}

@@ -533,8 +533,8 @@ mod tests {
     }
 
     /// The engine's constants and the scalar cell of the same parameters: `place` is the position of each in its interval.
-    /// There is no scalar cell where Ca50 is not positive at rest.
-    fn both(place: [f64; 21], a_p_kpa: f64, lambda_0: f64) -> (Constants, Option<Cell0d>) {
+    /// There is neither where Ca50 is not positive at rest.
+    fn both(place: [f64; 21], a_p_kpa: f64, lambda_0: f64) -> Option<(Constants, Cell0d)> {
         let mut parameters = crate::input::DEFAULT_PARAMETERS;
         for ((value, place), of) in parameters.iter_mut().zip(place).zip(&CELL) {
             let [low, high] = of.interval.unwrap();
@@ -558,10 +558,8 @@ mod tests {
             lambda0: lambda_0,
         };
         let input = CellInput::new(parameters, 1000.0, lambda_0);
-        (
-            input.constants(NegativeKwu::Keep).unwrap(),
-            cell.build().ok(),
-        )
+        let constants = input.constants(NegativeKwu::Keep).ok()?;
+        Some((constants, cell.build().ok()?))
     }
 
     proptest! {
@@ -577,9 +575,9 @@ mod tests {
             ca in 0.1..0.9f64, ca_rate in -0.01..0.02f64, l_rate in -0.01..0.01f64,
             shift in 0.05..20.0f64, r in prop::array::uniform8(-1.0..1.0f64), with_fma in any::<bool>(),
         ) {
-            let (p, cell) = both(place, a_p, lambda_0);
-            prop_assume!(cell.is_some());
-            let cell = cell.unwrap();
+            let cells = both(place, a_p, lambda_0);
+            prop_assume!(cells.is_some());
+            let (p, cell) = cells.unwrap();
             let land = p.land();
             // Where Ca50 is not positive the scalar cell has no rates.
             prop_assume!(land.ca50(l) > 0.05);

@@ -8,9 +8,9 @@ use cardiotwin_schemas::discover::DiscoverSpec;
 use cardiotwin_schemas::further::{FurtherTraceSpec, LoadedBeatSpec};
 use cardiotwin_signals::Quantity;
 
-use super::samples::{frames, within_cycle};
+use super::samples::frames;
 use crate::error::TaskError;
-use crate::inputs::read_trace;
+use crate::inputs::{read_trace, within_cycle};
 
 /// Standard deviation of the delay of a wedge pressure \[ms\], whose delays are 100 to 150 ms.
 const WEDGE_DELAY_SD_MS: f64 = 15.0;

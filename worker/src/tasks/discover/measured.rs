@@ -10,9 +10,9 @@ use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace, resample
 use cardiotwin_units::Ms;
 
 use super::further;
-use super::samples::{frames, within_cycle};
+use super::samples::frames;
 use crate::error::TaskError;
-use crate::inputs::read_trace;
+use crate::inputs::{read_trace, within_cycle};
 
 /// Relative standard deviation of a wall volume.
 const WALL_SD: f64 = 0.05;

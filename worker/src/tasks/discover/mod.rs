@@ -8,8 +8,6 @@ mod measured;
 mod model;
 mod samples;
 
-pub(super) use samples::within_cycle;
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};

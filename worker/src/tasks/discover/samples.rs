@@ -4,21 +4,6 @@ use cardiotwin_signals::trace::{Quantity, Trace};
 
 use crate::error::TaskError;
 
-/// Removes samples after the end of the cycle, which belong to the next beat or repeat the first
-/// sample.
-pub(in crate::tasks) fn within_cycle(trace: Trace, cycle_ms: f64) -> Result<Trace, TaskError> {
-    let n = trace.time_ms().partition_point(|t| *t < cycle_ms - 1e-6);
-    let (quantity, times, values) = (
-        trace.quantity(),
-        &trace.time_ms()[..n],
-        &trace.values()[..n],
-    );
-    Trace::new(quantity, times.to_vec(), values.to_vec()).map_err(|error| TaskError::Measured {
-        role: quantity.column().to_owned(),
-        message: error.to_string(),
-    })
-}
-
 /// Reduces a trace that was interpolated between frames to as many samples as there were frames,
 /// because it holds no more information.
 pub(super) fn frames(volume: Trace, n_frames: Option<u32>) -> Result<Trace, TaskError> {

@@ -12,8 +12,7 @@ use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::measurements::{EndDiastole, Measurements};
 use crate::error::TaskError;
-use crate::inputs::read_trace;
-use crate::tasks::discover::within_cycle;
+use crate::inputs::{read_trace, within_cycle};
 
 /// Ratio of wall volume to end-diastolic volume; 0.7 to 0.8 in a normal left ventricle.
 const WALL_SHARE: f64 = 0.75;
