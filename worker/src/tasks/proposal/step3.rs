@@ -4,7 +4,9 @@
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::fixed_point::Weights;
 use cardiotwin_calibrate::least_squares;
-use cardiotwin_calibrate::space_mapping::{Effort, Nearness, Prior, Problem, Run, Trial, propose};
+use cardiotwin_calibrate::space_mapping::{
+    Effort, Nearness, Prior, Problem, Proposal, Run, Trial, propose,
+};
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::organ::{ContractionSpec, Step1Parameters};
 use cardiotwin_schemas::outcome::{Step3ProposalResult, TaskResult};
@@ -67,6 +69,11 @@ const IN_LAW: Effort = Effort::Descents {
     weight_of_prior: 0.1,
 };
 
+/// Misfit above which descents count as stuck, twice the largest of the development patients'
+/// searches. A population then searches as well: descents from a cell that barely contracts find no
+/// way to one that does.
+const STUCK: f64 = 100.0;
+
 /// Computes the proposal.
 ///
 /// # Errors
@@ -123,6 +130,7 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         Some(of_step1) => expected(of_step1, &beat, &organ),
         None => [1.0; Biomarker::OF_ORGAN.len()],
     };
+    let evolution = if spec.runs.len() > 1 { NEARBY } else { FAR };
     let problem = Problem {
         measured: &spec.measured,
         weights: &Weights::of_uncertainty_percent(&spec.uncertainty_percent),
@@ -141,18 +149,21 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
             }
         }),
         first_radius: FIRST_RADIUS,
-        effort: if has_law {
-            IN_LAW
-        } else if spec.runs.len() > 1 {
-            NEARBY
-        } else {
-            FAR
-        },
+        effort: if has_law { IN_LAW } else { evolution },
         seed: spec.seed,
     };
     let proposal = propose(&problem, &cheap).ok_or(TaskError::NoProposal(
         "no beat of step 3 ended, nor does one of the one-fibre ventricle",
     ))?;
+    let proposal = if has_law && (proposal.misfit.is_nan() || proposal.misfit > STUCK) {
+        let evolved = Problem {
+            effort: evolution,
+            ..problem
+        };
+        better(proposal, propose(&evolved, &cheap))
+    } else {
+        proposal
+    };
     let x = simulable(&proposal.x).unwrap_or_else(|| proposal.x.clone());
     Ok(TaskResult::Step3Proposal(Step3ProposalResult {
         parameters: named(&x),
@@ -167,6 +178,21 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
         learned_law: learned_law(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?,
         reduced_beats: proposal.cheap_beats as u64,
     }))
+}
+
+/// The proposal with the lower misfit, with the beats of both searches.
+fn better(first: Proposal, second: Option<Proposal>) -> Proposal {
+    let Some(second) = second else { return first };
+    let cheap_beats = first.cheap_beats + second.cheap_beats;
+    let best = if second.misfit < first.misfit || first.misfit.is_nan() {
+        second
+    } else {
+        first
+    };
+    Proposal {
+        cheap_beats,
+        ..best
+    }
 }
 
 /// The Tanh stress of step 1 relaxes differently from a cell, so that its factor does not apply to
