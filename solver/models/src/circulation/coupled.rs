@@ -180,19 +180,21 @@ fn solve(matrix: &mut [f64], right: &mut [[f64; 2]]) -> bool {
             for j in k..n {
                 matrix[i * n + j] -= factor * matrix[k * n + j];
             }
-            for side in 0..2 {
-                right[i][side] -= factor * right[k][side];
+            let of_pivot = right[k];
+            for (value, of_pivot) in right[i].iter_mut().zip(of_pivot) {
+                *value -= factor * of_pivot;
             }
         }
     }
     for i in (0..n).rev() {
-        for side in 0..2 {
-            let mut value = right[i][side];
-            for j in i + 1..n {
-                value -= matrix[i * n + j] * right[j][side];
+        let mut values = right[i];
+        for j in i + 1..n {
+            let known = right[j];
+            for (value, known) in values.iter_mut().zip(known) {
+                *value -= matrix[i * n + j] * known;
             }
-            right[i][side] = value / matrix[i * n + i];
         }
+        right[i] = values.map(|value| value / matrix[i * n + i]);
     }
     right.iter().flatten().all(|value| value.is_finite())
 }

@@ -132,7 +132,7 @@ impl<'a> Loads<'a> {
     ) -> Result<WindkesselParameters, TaskError> {
         let (systolic, diastolic, origin) = self.arterial_pressures()?;
         let (volume, shape) = match self.measured.quiet_volume(self.spec.cycle_length_ms) {
-            Some(volume) => (self.into_arteries(volume), "measured ejection"),
+            Some(volume) => (self.arterial_volume(volume), "measured ejection"),
             None => (
                 self.assumed_volume(),
                 "an assumed ejection of the stroke volume",
@@ -161,7 +161,7 @@ impl<'a> Loads<'a> {
     }
 
     /// The volume trace, scaled so that its stroke is the volume that stays in the arteries.
-    fn into_arteries(&self, mut volume: Vec<f64>) -> Vec<f64> {
+    fn arterial_volume(&self, mut volume: Vec<f64>) -> Vec<f64> {
         let range = |(low, high): (f64, f64), v: &f64| (v.min(low), v.max(high));
         let (low, high) = volume.iter().fold((f64::MAX, f64::MIN), range);
         let flow = &self.spec.flows.forward_stroke_volume;

@@ -82,7 +82,7 @@ impl Stretched {
         let stretched = Self::unchecked(cell, dt_ms, lambda_prev, lambda);
         let between = lambda_prev + GAMMA * (lambda - lambda_prev);
         for (ca50, lambda) in stretched.ca50.iter().zip([between, lambda]) {
-            if !(ca50.v > 0.0) {
+            if ca50.v.is_nan() || ca50.v <= 0.0 {
                 let ca50_um = ca50.v;
                 return Err(ContractionError::Sensitivity { ca50_um, lambda });
             }
