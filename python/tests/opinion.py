@@ -8,7 +8,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-
 import recomputed as mine
 
 ROOT = Path(__file__).parents[2]
