@@ -57,6 +57,22 @@ pub(crate) fn refused(problem: Problem) -> TableReading {
     }
 }
 
+/// The problem of a table whose cells and decimals are separated by the same sign.
+///
+/// - `line`: the first row, from 1
+pub(crate) fn same_sign(file: &Path, lines: &[&str], line: usize) -> Problem {
+    Problem::error(
+        file,
+        format!(
+            "commas both between cells and in the numbers of `{}`",
+            lines[line - 1].trim()
+        ),
+        "different signs for the two",
+        "export with semicolons or tabs between the cells, or with decimal points",
+    )
+    .at_line(line)
+}
+
 pub(crate) fn binary(file: &Path) -> Problem {
     Problem::error(
         file,
@@ -121,16 +137,7 @@ pub(crate) fn layout(text: &str, file: &Path, wanted: &[Wanted]) -> Result<Layou
             "put names above the numbers, with the units in them: units are never guessed",
         )
         .at_line(dialect.first + 1)),
-        Err(NoDialect::SameSign { line }) => Err(Problem::error(
-            file,
-            format!(
-                "commas both between cells and in the numbers of `{}`",
-                lines[line - 1].trim()
-            ),
-            "different signs for the two",
-            "export with semicolons or tabs between the cells, or with decimal points",
-        )
-        .at_line(line)),
+        Err(NoDialect::SameSign { line }) => Err(same_sign(file, &lines, line)),
         Err(NoDialect::NoNumbers) => Err(Problem::error(
             file,
             format!(

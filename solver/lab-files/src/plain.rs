@@ -6,7 +6,7 @@ use std::path::Path;
 
 use cardiotwin_signals::Problem;
 
-use crate::delimited::{binary, too_few};
+use crate::delimited::{binary, same_sign, too_few};
 use crate::dialect::{Dialect, NoDialect, cells, sniff};
 use crate::headers::{KNOWN, Label, plain_name};
 use crate::number::{is_missing, number};
@@ -56,18 +56,7 @@ pub fn parse(bytes: &[u8], file: &Path) -> Result<PlainTable, Problem> {
     let lines: Vec<&str> = text.lines().collect();
     let dialect = match sniff(&lines) {
         Ok(dialect) => dialect,
-        Err(NoDialect::SameSign { line }) => {
-            return Err(Problem::error(
-                file,
-                format!(
-                    "commas both between cells and in the numbers of `{}`",
-                    lines[line - 1].trim()
-                ),
-                "different signs for the two",
-                "export with semicolons or tabs between the cells, or with decimal points",
-            )
-            .at_line(line));
-        }
+        Err(NoDialect::SameSign { line }) => return Err(same_sign(file, &lines, line)),
         Err(NoDialect::NoNumbers) => {
             let first = lines.iter().find(|line| !line.trim().is_empty());
             return Err(Problem::error(

@@ -109,20 +109,14 @@ pub fn readable_path(file: &Path) -> std::path::PathBuf {
 /// # Errors
 /// [`MeshFileError`] if the mesh's file cannot be read or parsed.
 pub fn read(file: &Path, asked: &Asked) -> Result<Intake, MeshFileError> {
-    let mut intake = look(files::read(&readable_path(file), asked.unit)?, asked);
-    if asked.fibres == Fibres::Auto && intake.mesh.frames.is_empty() && is_vtu(file) {
-        let names = files::vtu::unread_directions(file)?;
-        if !names.is_empty() {
-            // The last of the warnings, so that errors stay first.
-            intake.defects.push(Defect::UnreadDirections { names });
-        }
+    let (mesh, names) = files::read_naming_directions(&readable_path(file), asked.unit)?;
+    let mut intake = look(mesh, asked);
+    let is_rule = asked.fibres == Fibres::Auto && intake.mesh.frames.is_empty();
+    if is_rule && !names.is_empty() {
+        // The last of the warnings, so that errors stay first.
+        intake.defects.push(Defect::UnreadDirections { names });
     }
     Ok(intake)
-}
-
-/// Whether a file is of the only format that keeps arrays which no reader takes.
-fn is_vtu(file: &Path) -> bool {
-    file.extension().is_some_and(|extension| extension == "vtu")
 }
 
 /// openCARP's activation time of nodes that are never activated.

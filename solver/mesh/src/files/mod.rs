@@ -23,12 +23,28 @@ use crate::tet_mesh::TetMesh;
 /// # Errors
 /// [`MeshFileError`] with file and line.
 pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, MeshFileError> {
-    let mut mesh = match path.extension().and_then(|e| e.to_str()) {
-        Some("vtu") => vtu::read(path, unit)?.mesh,
-        Some("msh") => gmsh::read(path, unit)?,
-        Some("mesh") => medit::read(path, unit)?,
-        _ => carp::read(path, unit)?,
+    read_naming_directions(path, unit).map(|(mesh, _)| mesh)
+}
+
+/// As [`read`], with the names of the file's arrays of directions that no reader takes. Only VTU files
+/// have such arrays.
+///
+/// # Errors
+/// Same as for [`read`].
+pub fn read_naming_directions(
+    path: &Path,
+    unit: LengthUnit,
+) -> Result<(TetMesh, Vec<String>), MeshFileError> {
+    let (mut mesh, unread) = match path.extension().and_then(|e| e.to_str()) {
+        Some("vtu") => {
+            let grid = vtu::read(path, unit)?;
+            let unread = vtu::unread_directions(&grid);
+            (grid.mesh, unread)
+        }
+        Some("msh") => (gmsh::read(path, unit)?, Vec::new()),
+        Some("mesh") => (medit::read(path, unit)?, Vec::new()),
+        _ => (carp::read(path, unit)?, Vec::new()),
     };
     mesh.orient_if_all_negative();
-    Ok(mesh)
+    Ok((mesh, unread))
 }

@@ -86,15 +86,12 @@ pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFi
     reader.grid(unit)
 }
 
-/// Names of the arrays of directions that [`read`] takes neither as fibres nor as sheets.
-///
-/// # Errors
-/// Same as for [`read`].
-pub fn unread_directions(file: &Path) -> Result<Vec<String>, MeshFileError> {
-    let grid = read(file, LengthUnit::Millimetre)?;
+/// Names of the arrays of directions that [`read`] took neither as fibres nor as sheets.
+#[must_use]
+pub fn unread_directions(grid: &Grid) -> Vec<String> {
     let fields = grid.cell_fields.iter().chain(&grid.point_fields);
     let unread = fields.filter(|field| !SHEETS.is(&field.name) && are_directions(field));
-    Ok(unread.map(|field| field.name.clone()).collect())
+    unread.map(|field| field.name.clone()).collect()
 }
 
 /// Share of an array's vectors that have the same length where the array contains directions.
