@@ -111,7 +111,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let first = argument("seed", 20_261_201)?.wrapping_mul(1_000_003);
     let level = argument("kick", 2)? as usize;
     println!("errors in mmHg: mean, standard deviation, root mean square");
-    println!("hearts                    n  before               now                  now over its sd");
+    println!(
+        "hearts                    n  before               now                  now over its sd"
+    );
     let mut all = Vec::new();
     for (name, hearts, stream) in [
         ("elastance", Hearts::Elastance, 0),
@@ -141,7 +143,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         said(all.iter().map(|e| e.now_mmhg)),
         said(all.iter().map(|e| e.over_sd)),
     );
-    println!("\nresistance of the valve in mmHg s/mL, {} now", MITRAL_RESISTANCE.0);
+    println!(
+        "\nresistance of the valve in mmHg s/mL, {} now",
+        MITRAL_RESISTANCE.0
+    );
     for (i, resistance) in RESISTANCES.iter().enumerate() {
         println!("{resistance:6.3}  {}", said(all.iter().map(|e| e.at[i])));
     }

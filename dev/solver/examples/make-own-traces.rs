@@ -18,7 +18,11 @@ fn main() {
         .map(|text| text.parse().expect("a number"))
         .collect();
     let number = |k: usize, otherwise: f64| arguments.get(k).copied().unwrap_or(otherwise);
-    let (n_beats, seed, hz) = (number(0, 8.0) as usize, number(1, 23.0) as u64, number(2, 200.0));
+    let (n_beats, seed, hz) = (
+        number(0, 8.0) as usize,
+        number(1, 23.0) as u64,
+        number(2, 200.0),
+    );
     let wish = Wish {
         n_beats,
         step_ms: 1000.0 / hz,
