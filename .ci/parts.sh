@@ -15,6 +15,7 @@ export INSTA_UPDATE=no INSTA_FORCE_PASS=0
 
 names=()
 seconds=()
+processor_seconds=() # of all cores; less than twice the time on two cores: the part waits
 results=()
 n_passed=0
 log=$(mktemp)
@@ -27,16 +28,23 @@ export CARDIOTWIN_NOT_TESTED=$(cd "$target" && pwd)/not-tested.jsonl
 : >"$CARDIOTWIN_NOT_TESTED"
 
 summary() {
-    local i total=0
-    printf '\n%-44s %9s  %s\n' PART SECONDS RESULT
+    local i
+    printf '\n%-44s %9s %9s  %s\n' PART SECONDS PROCESSOR RESULT
     for i in "${!names[@]}"; do
-        printf '%-44s %9.1f  %s\n' "${names[i]}" "${seconds[i]}" "${results[i]}"
-        total=$(awk -v a="$total" -v b="${seconds[i]}" 'BEGIN { print a + b }')
+        printf '%-44s %9.1f %9.1f  %s\n' "${names[i]}" "${seconds[i]}" "${processor_seconds[i]}" "${results[i]}"
     done
-    printf '%-44s %9.1f\n' total "$total"
+    printf '%-44s %9.1f %9.1f\n' total "$(sum "${seconds[@]}")" "$(sum "${processor_seconds[@]}")"
 }
 
 now() { date +%s.%N; }
+
+sum() { printf '%s\n' "$@" | awk '{ total += $1 } END { print total + 0 }'; }
+
+# Sets `processor` to the seconds of all commands that have ended. Not in a subshell or a pipe, which counts its own commands alone.
+read_processor() {
+    times >"$log"
+    processor=$(awk 'NR == 2 { for (i = 1; i <= 2; i++) { split($i, t, /[ms]/); total += 60 * t[1] + t[2] } print total }' "$log")
+}
 
 # Of the output of tests that passed, only what they could not try here.
 what_matters() {
@@ -44,14 +52,19 @@ what_matters() {
 }
 
 part() { # name, command…
-    local name=$1 start rc=0
+    local name=$1 start processor_start not_tested rc=0
     shift
     printf '\n=== %s: %s\n' "$name" "$*"
     start=$(now)
+    read_processor
+    processor_start=$processor
     "$@" 2>&1 | tee "$log" | what_matters || rc=$?
     n_passed=$((n_passed + $(sed -n 's/^test result: ok\. \([0-9]*\) passed.*/\1/p' "$log" | awk '{ n += $1 } END { print n + 0 }')))
     names+=("$name")
     seconds+=("$(awk -v a="$start" -v b="$(now)" 'BEGIN { printf "%.2f", b - a }')")
+    not_tested=$(sed -n 's/^not tested: \(.*\)/; not tested: \1/p' "$log" | sort -u | tr -d '\n')
+    read_processor
+    processor_seconds+=("$(awk -v a="$processor_start" -v b="$processor" 'BEGIN { printf "%.2f", b - a }')")
     if [ "$rc" != 0 ]; then
         results+=("FAILED ($rc)")
         summary
@@ -59,13 +72,14 @@ part() { # name, command…
         exit 1
     fi
     # What a part could not try here is said in the summary, too.
-    results+=("passed$(sed -n 's/^not tested: \(.*\)/; not tested: \1/p' "$log" | sort -u | tr -d '\n')")
+    results+=("passed$not_tested")
 }
 
 skipped() { # name, what is needed (as in .ci/allowed-skips), why
     printf '\n=== %s: skipped, %s\n' "$1" "$3"
     names+=("$1")
     seconds+=(0)
+    processor_seconds+=(0)
     results+=("skipped: $3")
     printf '{"test":"%s","needs":"%s","why":"%s"}\n' "$1" "$2" "$3" >>"$CARDIOTWIN_NOT_TESTED"
     if [ "${CI:-}" = true ] && ! grep -q "^$2"$'\t'"." .ci/allowed-skips; then
