@@ -142,13 +142,11 @@ else
     skipped "format" rustfmt "rustfmt is not installed"
 fi
 
-# Before the build: links fail within seconds.
-if [ "${CARDIOTWIN_TESTS:-}" = long ]; then
-    :
-elif command -v python3 >/dev/null && docs/book/mdbook.sh "$target/tools" >/dev/null; then
-    part "the book, its links" docs/book/build.sh "$target/book"
-else
-    skipped "the book, its links" book "python3 is not installed, or cargo could not build mdbook"
+# Before the build: it fails within seconds. Compiling mdbook takes minutes, so without one the book is a long test;
+# the links of the pages themselves are checked by tests/documents.rs.
+the_book() { docs/book/build.sh "$target/book"; }
+if [ "${CARDIOTWIN_TESTS:-}" != long ] && docs/book/mdbook.sh --found "$target/tools" >/dev/null; then
+    part "the book, its links" the_book
 fi
 
 # The worker on MPI ranks, where an MPI is found; MPICH's: `make test-mpich`.
@@ -206,6 +204,15 @@ elif python3 -c 'import ensurepip' 2>/dev/null && python/maturin.sh "$target" >/
     long_part 900 "long tests: notebooks" env CARDIOTWIN_PROGRAMS="$target/release" python/test.sh --notebooks
 else
     skipped "long tests: python" python-packages "PyPI does not answer, or python3 has no venv"
+fi
+if docs/book/mdbook.sh --found "$target/tools" >/dev/null && [ "${CARDIOTWIN_TESTS:-}" != long ]; then
+    : # above
+elif ! has_time 180 "long tests: links of the book"; then
+    :
+elif docs/book/mdbook.sh "$target/tools" >/dev/null; then
+    long_part 180 "long tests: links of the book" the_book
+else
+    skipped "long tests: links of the book" book "cargo could not build mdbook"
 fi
 long_part 1200 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output
 long_part 300 "long tests: damaged files" "$CARGO" test "${everything[@]}" --test damaged_files -- --ignored

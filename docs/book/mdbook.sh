@@ -1,8 +1,14 @@
 #!/usr/bin/env bash
 # Prints the path of mdbook: $MDBOOK, the one in PATH (Debian has it from 13 on), else one that cargo builds below FOLDER, once
-# (two minutes on two cores; downloads crates). Usage: docs/book/mdbook.sh FOLDER
+# (two minutes on two cores; downloads crates). With --found it builds none, and fails instead.
+# Usage: docs/book/mdbook.sh [--found] FOLDER
 set -euo pipefail
-folder=${1:?usage: docs/book/mdbook.sh FOLDER}
+build=yes
+if [ "${1:-}" = --found ]; then
+    build=no
+    shift
+fi
+folder=${1:?usage: docs/book/mdbook.sh [--found] FOLDER}
 version=0.4.52
 
 if [ -n "${MDBOOK:-}" ]; then
@@ -12,6 +18,7 @@ elif command -v mdbook >/dev/null; then
 else
     program=$folder/mdbook-$version/bin/mdbook
     if [ ! -x "$program" ]; then
+        [ "$build" = yes ] || exit 1
         "${CARGO:-cargo}" install --quiet --locked --version "$version" --no-default-features --features search \
             --config 'profile.release.opt-level=1' --config 'profile.release.lto="off"' \
             --root "$folder/mdbook-$version" --target-dir "$folder/mdbook-build" mdbook >&2
