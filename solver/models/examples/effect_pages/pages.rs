@@ -46,11 +46,10 @@ fn kind(effect: &Effect) -> &'static str {
 fn index() -> String {
     let mut text = format!(
         "# Effects beyond the base model\n\n\
-         What the base model ([models.md](../models.md)) lacks, as components that can be added to it alone or together.\n\
+         What the [base model](../models.md) lacks, as components that can be added to it alone or together.\n\
          Pictures show a periodic beat of the typical base model without the effect (dashed) and with it (solid).\n\
-         The pages are made from the catalogue's declarations (`solver/models/src/effects/`) by `{COMMAND}`; \
-         a test checks that they are current.\n\n\
-         | effect | kind | strength | meaning |\n| --- | --- | --- | --- |\n"
+         The pages are made from `solver/models/src/effects/` by `{COMMAND}`; a test checks that they are current.\n\n\
+         | effect | kind | strength | meaning |\n|---|---|---|---|\n"
     );
     for effect in CATALOGUE {
         let _ = writeln!(
@@ -89,7 +88,7 @@ fn page(effect: &Effect) -> String {
     let mut text = format!(
         "# {0}\n\n{1}: {2}\n\n```\n{3}\n```\n\nSource: {4}.\n\n![{0} on and off]({0}.svg)\n\n\
          ## Parameters\n\n| name | unit | meaning | plausible | off | smallest to be named | typical | prior sd | in a fit |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+         |---|---|---|---|---|---|---|---|---|\n",
         effect.name,
         capital(kind(effect)),
         effect.meaning,
@@ -151,7 +150,7 @@ fn page(effect: &Effect) -> String {
     };
     let _ = write!(
         text,
-        "\n## What it is confused with\n\n{}.\nShown or separated by: {}.\n\n## In three dimensions\n\n{}\n",
+        "\n## What it is confused with\n\n{}.\nShown or separated by: {}.\n\nIn 3D: {}\n",
         capital(&confused),
         effect.separated_by.join("; "),
         in_3d(effect)
@@ -165,19 +164,17 @@ fn page(effect: &Effect) -> String {
 fn in_3d(effect: &Effect) -> String {
     match effect.in_3d {
         InThreeDimensions::AsItIs => match effect.kind {
-            Kind::Physiology => "The same object, as it is.".to_owned(),
-            Kind::Artefact => {
-                "The same step between simulated and measured traces, as it is.".to_owned()
-            }
+            Kind::Physiology => "used unchanged.".to_owned(),
+            Kind::Artefact => "used unchanged, between simulated and measured traces.".to_owned(),
         },
-        InThreeDimensions::ActivationMap { how } => format!("As an activation map: {how}."),
+        InThreeDimensions::ActivationMap { how } => format!("as an activation map: {how}."),
         InThreeDimensions::PassiveExponents { factor } => {
             format!(
-                "All exponents of Guccione's law times `{factor}`; its scale is fitted again in step 0."
+                "all exponents of Guccione's law times `{factor}`; its scale is fitted again in step 0."
             )
         }
-        InThreeDimensions::MaterialTerm { how } => format!("As a term of the material: {how}."),
-        InThreeDimensions::Cannot { why } => format!("Not possible: {why}."),
+        InThreeDimensions::MaterialTerm { how } => format!("as a term of the material: {how}."),
+        InThreeDimensions::Cannot { why } => format!("not possible: {why}."),
     }
 }
 
