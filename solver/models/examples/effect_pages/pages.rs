@@ -1,8 +1,7 @@
 //! Pages of the effects as text: file name and content.
 
 use cardiotwin_models::effects::{
-    CATALOGUE, Effect, EffectSetting, InThreeDimensions, Kind, Parameter, PeriodicTraces, Phase,
-    Role, Sign, Signal,
+    CATALOGUE, Effect, EffectSetting, InThreeDimensions, Kind, Parameter, PeriodicTraces, Role,
 };
 use cardiotwin_models::periodic::{FitSubject, PeriodicSettings, find};
 use cardiotwin_units::{Ml, Ms};
@@ -48,6 +47,7 @@ fn index() -> String {
         "# Effects beyond the base model\n\n\
          What the [base model](../models.md) lacks, as components that can be added to it alone or together.\n\
          Pictures show a periodic beat of the typical base model without the effect (dashed) and with it (solid).\n\
+         Tables have the smallest strength that gets a name, and the standard deviation (sd) of the prior.\n\
          The pages are made from `solver/models/src/effects/` by `{COMMAND}`; a test checks that they are current.\n\n\
          | effect | kind | strength | meaning |\n|---|---|---|---|\n"
     );
@@ -87,7 +87,7 @@ fn range(p: &Parameter) -> String {
 fn page(effect: &Effect) -> String {
     let mut text = format!(
         "# {0}\n\n{1}: {2}\n\n```\n{3}\n```\n\nSource: {4}.\n\n![{0} on and off]({0}.svg)\n\n\
-         ## Parameters\n\n| name | unit | meaning | plausible | off | smallest to be named | typical | prior sd | in a fit |\n\
+         ## Parameters\n\n| name | unit | meaning | plausible | off | smallest | typical | sd | in a fit |\n\
          |---|---|---|---|---|---|---|---|---|\n",
         effect.name,
         capital(kind(effect)),
@@ -120,18 +120,9 @@ fn page(effect: &Effect) -> String {
     }
     let _ = write!(
         text,
-        "\n## Where it shows\n\nAgainst a refitted base model: {}.\n\nSwitched on, everything else equal:\n\n",
+        "\n## Where it shows\n\nAgainst a refitted base model: {}.\n",
         effect.signature
     );
-    for mark in effect.marks {
-        let _ = writeln!(
-            text,
-            "- {}: {} {}",
-            phase(mark.phase),
-            signal(mark.signal),
-            if mark.sign == Sign::Up { "up" } else { "down" }
-        );
-    }
     if let Some(why) = effect.hidden_because {
         let _ = write!(
             text,
@@ -183,27 +174,6 @@ fn capital(text: &str) -> String {
     letters.next().map_or(String::new(), |first| {
         first.to_uppercase().chain(letters).collect()
     })
-}
-
-fn phase(phase: Phase) -> &'static str {
-    match phase {
-        Phase::IsovolumicContraction => "isovolumic contraction",
-        Phase::EarlyEjection => "early ejection",
-        Phase::LateEjection => "late ejection",
-        Phase::IsovolumicRelaxation => "isovolumic relaxation",
-        Phase::RapidFilling => "rapid filling",
-        Phase::Diastasis => "diastasis",
-        Phase::AtrialSystole => "atrial systole",
-    }
-}
-
-fn signal(signal: Signal) -> &'static str {
-    match signal {
-        Signal::Pressure => "pressure",
-        Signal::PressureRate => "rate of pressure",
-        Signal::Volume => "volume",
-        Signal::VolumeRate => "rate of volume",
-    }
 }
 
 /// One panel: where it stands, its axes, and two curves over each other.
