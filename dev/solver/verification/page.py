@@ -297,17 +297,12 @@ def arostica_run(page, name, title, variant):
 
 def arostica(page):
     pictures = []
-    table = ["| step | element | p0 at the peak, mm | mean of the ten codes ± spread |", "|---|---|---|---|"]
     for name, title in CASES:
         for variant in ("cohort", "file"):
             run = arostica_run(page, name, title, variant)
             if run is None:
                 continue
             rows, reference, element = run
-            peak = max(reference, key=lambda r: math.hypot(*vector(r, "p0")))
-            ours = ", ".join(signed(at(rows, peak["t_s"], f"p0_u{a}_mm"), 2) for a in "xyz")
-            theirs = ", ".join(signed(x, 2) for x in vector(peak, "p0"))
-            table.append(f"| {title} | {variant}'s | {ours} at {peak['t_s']:.2f} s | {theirs} ± {peak['p0_spread_mm']:.2f} |")
             if variant == "cohort":
                 pictures += [page.plot(f"arostica-{name}", arostica_panels(title, rows, reference), f"Step {title}, {element}", width=1050), ""]
     page.part(
@@ -319,7 +314,6 @@ def arostica(page):
         "Two of the ten run about 8 ms ahead of the others, which is the width of the band where displacements rise.",
         "",
         *pictures,
-        *table,
     )
 
 
