@@ -545,7 +545,7 @@ def main():
         "`make test` runs the named tests, at smaller sizes.",
         "`tests/` alone is in `dev/solver`; other paths are below `solver/`, except paths of the worker and of `dev/`.",
         "*Cohort's* is the default element of `solver.finite_element.element`: linear nodal, 0.01 pointwise; *file's* is the problem file's: linear nodal, 0.005 pointwise.",
-        "*Twins* are those of `coa-seven`, in 3D with 1,000 nodes or reduced ([step 3](step3.md)): absolute errors of P_max, dPdt_max, dPdt_min, PTD90 and SV, in this order.",
+        "*Twins* are `coa-seven`'s, in 3D with 1,000 nodes or reduced ([step 3](step3.md)): absolute errors of P_max, dPdt_max, dPdt_min, PTD90 and SV, in this order.",
         "",
         "| what | asked | measured | | test |",
         "|---|---|---|---|---|",

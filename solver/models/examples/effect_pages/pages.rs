@@ -66,8 +66,7 @@ fn index() -> String {
          The strength must be given; other absent parameters take their typical value.\n\
          An artefact is refused there: it asks for a correction of the data.\n\n\
          ```toml\n[[effects]]\nname = \"atrial_kick\"\n[effects.parameters]\namplitude_mmHg = 8.0\n```\n\n\
-         To add an effect: a file in `solver/models/src/effects/` that declares an `EFFECT`, and a line in `CATALOGUE`.\n\
-         The catalogue's tests then check that it is off at its off-value, moves the traces where it says, is restored from a snapshot and keeps the volume balance.\n",
+         [CONTRIBUTING.md](../../CONTRIBUTING.md#an-effect) adds an effect.\n",
     );
     text
 }
