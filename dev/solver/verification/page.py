@@ -313,7 +313,7 @@ def arostica(page):
         "Dashed: mean of the ten codes, in the band between the least and the most of them; for the cavity the codes with the mesh's volume and a flat cap.",
         "Two of the ten run about 8 ms ahead of the others, which is the width of the band where displacements rise.",
         "",
-        *pictures,
+        *pictures[:-1],
     )
 
 
