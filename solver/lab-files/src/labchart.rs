@@ -3,9 +3,9 @@
 //! Each block begins with header lines `Key=` and tabs: `Interval=`, `ExcelDateTime=`,
 //! `TimeFormat=`, `DateFormat=`, `ChannelTitle=`, `Range=`, and in newer versions `UnitName=`,
 //! `TopValue=` and `BottomValue=`. Rows follow: the time (an option of the export), a value for each
-//! channel, and comments after `#`. A unit `*` means the range's unit; without `UnitName=`, a unit in
-//! the title goes before the range's, which is that of the amplifier. An empty cell at the end of a row
-//! is a cell. Times of day may pass midnight, have AM or PM, and stand behind a column of dates. Where
+//! channel, and comments after `#`. A unit `*` means the range's unit. Without `UnitName=`, a unit in
+//! the title goes before the range's unit, which is the amplifier's. An empty cell at the end of a
+//! row is a cell. Times of day may pass midnight, have AM or PM, and stand behind a column of dates. Where
 //! times are rounded, the stated interval counts.
 
 use std::path::Path;
