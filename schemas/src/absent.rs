@@ -1,4 +1,4 @@
-//! Numbers for which a key is absent from a file.
+//! Numbers whose key is absent from a file.
 
 /// Number of an absent key that earlier programs took for 1.
 pub(crate) const fn one() -> f64 {

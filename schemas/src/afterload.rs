@@ -17,7 +17,7 @@ use crate::organ::{EffectSpec, WindkesselParameters};
 pub struct AfterloadFitAnswer {
     /// Version of the formats.
     pub schema_version: u32,
-    /// Measured record.
+    /// The measured record that is analysed.
     pub record: AfterloadRecord,
     /// Values as they are written to a patient file.
     pub afterload: WindkesselParameters,
@@ -56,7 +56,7 @@ pub struct CuffFitAnswer {
     pub schema_version: u32,
     /// Source of the flow.
     pub flow: String,
-    /// Mean flow.
+    /// Flow averaged over the record.
     #[serde(rename = "mean_flow_mL_per_s")]
     pub mean_flow_ml_per_s: f64,
     /// Systolic pressure.
@@ -103,7 +103,7 @@ pub struct AfterloadRecord {
     pub n_beats: usize,
     /// Typical time between upstrokes; the length of the record if there is one upstroke.
     pub cycle_length_ms: f64,
-    /// Mean flow.
+    /// Flow averaged over the record.
     #[serde(rename = "mean_flow_mL_per_s")]
     pub mean_flow_ml_per_s: f64,
     /// Difference between the highest and the lowest pressure.
@@ -117,7 +117,7 @@ pub struct AfterloadRecord {
 pub struct AfterloadQuantity {
     /// Name with unit.
     pub name: String,
-    /// Best value.
+    /// Value of the best fit.
     pub value: f64,
     /// Standard error of the linearised model; absent if it does not exist.
     pub standard_error: Option<f64>,
@@ -140,7 +140,7 @@ pub struct AfterloadDiscovery {
     pub schema_version: u32,
     /// File of the flow, as named on the command line.
     pub case: String,
-    /// Measured record.
+    /// The measured record that is analysed.
     pub record: AfterloadRecord,
     /// Whether no effect is named, because nothing is missing or because the gap is unexplained.
     pub none: bool,

@@ -22,7 +22,7 @@ use crate::settings::InstructionSet;
 /// `order-<element>.json`: work of one element of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct JobOrder {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Unique name of the job.
     pub job: String,

@@ -115,7 +115,7 @@ pub struct SettingsLayer {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PatientDefaults {
-    /// Filling pressure.
+    /// Pressure of the left atrium, which fills the ventricle.
     #[serde(
         rename = "left_atrial_pressure_mmHg",
         skip_serializing_if = "Option::is_none"

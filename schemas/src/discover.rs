@@ -21,7 +21,7 @@ pub use cardiotwin_vocabulary::findings::{
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DiscoverSpec {
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
     /// File with the measured pressure trace.
     pub pressure: InputFile,
@@ -158,9 +158,9 @@ pub struct StatedFilling {
 pub struct FoundModel {
     /// Accepted effects of heart and vessels.
     pub effects: Vec<EffectSpec>,
-    /// Accepted artefacts, for which the data are corrected.
+    /// Accepted artefacts; the data are corrected for them.
     pub corrections: Vec<EffectSpec>,
-    /// Arterial load.
+    /// Load of the arteries on the ventricle.
     pub afterload: WindkesselParameters,
     /// Constant filling pressure.
     #[serde(rename = "left_atrial_pressure_mmHg")]
@@ -205,7 +205,7 @@ pub struct Discovered {
 /// Result of `cardiotwin discover --json` for one patient.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct DiscoverCase {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Pseudonym of the patient.
     pub case: String,
@@ -242,7 +242,7 @@ pub struct FiniteElementGap {
     pub series: DiscoverSeries,
 }
 
-/// A beat of the finite-element ventricle beside the measured traces.
+/// A beat of the finite-element ventricle next to the measured traces.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FiniteElementBeat {

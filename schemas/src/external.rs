@@ -161,21 +161,21 @@ pub struct ExternalContraction {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ExternalParameters {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
     /// Largest time step, from the settings.
     pub time_step_ms: f64,
     /// Number of beats to simulate. The last one is reported.
     pub beats: u32,
-    /// Active stress.
+    /// Parameters of the active stress.
     pub contraction: ExternalContraction,
-    /// Valves.
+    /// Parameters of the valves.
     pub valves: ValveParameters,
     /// State at the start of the beat, which is end-diastole, and the one-fibre law through it.
     pub start: OneFibrePassive,
-    /// Activation.
+    /// Activation of the wall.
     pub activation: ActivationSpec,
     /// Arterial load with its initial pressure, filling pressure and accepted effects.
     pub circulation: CirculationSpec,

@@ -130,7 +130,7 @@ pub struct WallSettings {
         deserialize_with = "crate::muscle::by_tag"
     )]
     pub passive: PassiveTissues,
-    /// Density.
+    /// Density of the wall.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1.0))]
     pub density_g_per_mm3: f64,
     /// Rayleigh damping by mass.
@@ -404,7 +404,7 @@ pub struct AnatomySpec {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeshFibres {
-    /// Fibres of the mesh if it has any, otherwise those of the rule.
+    /// Fibres of the mesh if it has any, otherwise fibres of the rule.
     #[default]
     Auto,
     /// Fibres of the mesh.
@@ -452,7 +452,7 @@ pub struct OwnRightVentricle {
 #[serde(rename_all = "kebab-case")]
 #[schemars(deny_unknown_fields)]
 pub enum RightPressureSpec {
-    /// Constant pressure.
+    /// A pressure that stays the same over the cycle.
     Constant {
         /// Pressure at all times.
         #[serde(rename = "pressure_mmHg")]
@@ -465,7 +465,7 @@ pub enum RightPressureSpec {
     },
 }
 
-/// Settings by which the equations of a beat are solved.
+/// Settings of the solution of a beat's equations.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct EquationSettings {
@@ -505,7 +505,7 @@ pub struct FiniteElementOrgan {
 pub struct VentricleFigures {
     /// Nodes of the mesh.
     pub nodes: u64,
-    /// Tetrahedra.
+    /// Number of tetrahedra of the mesh.
     pub elements: u64,
     /// Number of unknown displacements.
     pub degrees_of_freedom: u64,

@@ -59,7 +59,7 @@ pub struct CalciumFitAnswer {
 pub struct FittedQuantity {
     /// Name with unit.
     pub name: String,
-    /// Best value.
+    /// Value of the best fit.
     pub value: f64,
     /// Standard error of the linearised model; absent if that model does not hold, as for equal
     /// time constants.

@@ -85,7 +85,7 @@ formats! {
     BEAT_CHECKPOINT { "beat checkpoint", 4, "arrays of `checkpoint/beat.bin`", "worker", "worker", "" }
     /// Costs that an optimiser received.
     SEARCH_JOURNAL { "search journal", 2, "`checkpoint/told-costs`", "worker", "worker", "worker/tests/golden/told-costs" }
-    /// Samples in the order in which they were computed.
+    /// Samples in the order of their computation.
     SAMPLE_LOG { "sample log", 1, "`checkpoint/samples`", "worker", "worker", "worker/tests/golden/samples" }
 
     /// Work of one element of a cluster job.

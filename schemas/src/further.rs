@@ -136,7 +136,7 @@ pub struct LoadedBeat {
     pub pressure: String,
     /// File with the columns `time_ms,volume_mL`, relative to `patient.toml`.
     pub volume: String,
-    /// Cycle length of this beat; that of the patient if absent.
+    /// Cycle length of this beat; the patient's if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cycle_length_ms: Option<f64>,
 }

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct HeartSurface {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Unit vector from apex to base.
     pub long_axis: [f64; 3],
@@ -52,10 +52,10 @@ pub struct HeartState {
     pub name: String,
     /// Time in the beat.
     pub time_ms: f64,
-    /// Cavity volume.
+    /// Volume of the ventricle's cavity.
     #[serde(rename = "volume_mL")]
     pub volume_ml: f64,
-    /// Cavity pressure.
+    /// Pressure in the ventricle's cavity.
     #[serde(rename = "pressure_mmHg")]
     pub pressure_mmhg: f64,
     /// Positions of the corners.

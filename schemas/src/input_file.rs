@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub struct InputFile {
     /// Role, for example `pressure`.
     pub name: String,
-    /// Absolute path.
+    /// Absolute path of the file.
     pub path: PathBuf,
     /// SHA-256 of the content.
     pub sha256: String,

@@ -22,7 +22,7 @@ pub struct EffectSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct CirculationSpec {
-    /// Arterial load.
+    /// Load of the arteries on the ventricle.
     pub afterload: WindkesselParameters,
     /// Windkessel pressure Pc at the start of the beat.
     #[serde(rename = "initial_windkessel_pressure_mmHg")]
@@ -30,7 +30,7 @@ pub struct CirculationSpec {
     /// Constant filling pressure.
     #[serde(rename = "left_atrial_pressure_mmHg")]
     pub left_atrial_pressure_mmhg: f64,
-    /// Accepted effects, in the order in which they were accepted.
+    /// Accepted effects, in the order of acceptance.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
     /// Loop that closes the circulation; absent for the open circuit, whose atrium has a constant

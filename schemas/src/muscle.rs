@@ -13,11 +13,11 @@ use serde::{Deserialize, Deserializer, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PassiveTissueSettings {
-    /// Shear modulus.
+    /// Shear modulus of the tissue.
     #[serde(rename = "mu_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e5))]
     pub mu_kpa: f64,
-    /// Bulk modulus.
+    /// Bulk modulus of the tissue.
     #[serde(rename = "kappa_kPa")]
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e8))]
     pub kappa_kpa: f64,

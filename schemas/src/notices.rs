@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::failure::FailureClass;
 use crate::status::PatientState;
 
-/// Event of which a notice is sent.
+/// Event that is reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoticeKind {
@@ -57,7 +57,7 @@ pub struct NoticeSettings {
     pub mail: Vec<String>,
     /// Program with arguments that sends a message from its standard input, as sendmail does.
     pub sendmail: Vec<String>,
-    /// Events of which notices are sent.
+    /// Events that are reported.
     pub events: Vec<NoticeKind>,
     /// Time after which a command is killed, s.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 3600.0))]
@@ -117,7 +117,7 @@ impl NoticeSettings {
 /// messages.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Notice {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Event of the notice.
     pub event: NoticeKind,

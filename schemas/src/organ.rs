@@ -133,7 +133,7 @@ pub enum OrganSpec {
 #[serde(tag = "mode", rename_all = "kebab-case")]
 #[schemars(deny_unknown_fields)]
 pub enum BeatCount {
-    /// Exactly `n` beats, of which the last one is reported. A single beat never counts as
+    /// Exactly `n` beats; the last one is reported. A single beat never counts as
     /// periodic.
     Fixed {
         /// Number of beats.

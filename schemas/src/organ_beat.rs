@@ -16,7 +16,7 @@ use crate::organ::{
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct OrganBeatSpec {
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
     /// Largest time step.
     pub time_step_ms: f64,
@@ -43,7 +43,7 @@ pub struct OrganBeatSpec {
     /// Windows over which biomarkers of the traces are read, as for the measured traces.
     #[serde(default, skip_serializing_if = "NoiseWindows::are_none")]
     pub noise_windows: NoiseWindows,
-    /// Settings by which the equations of the finite-element ventricle are solved.
+    /// Settings of the solution of the finite-element ventricle's equations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub finite_element: Option<EquationSettings>,
 }

@@ -16,10 +16,10 @@ pub const N_LAW_SAMPLES: usize = 80;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct LawSamples {
-    /// Cavity pressure.
+    /// Pressure in the ventricle's cavity.
     #[serde(rename = "pressure_mmHg")]
     pub pressure_mmhg: Vec<f64>,
-    /// Cavity volume.
+    /// Volume of the ventricle's cavity.
     #[serde(rename = "volume_mL")]
     pub volume_ml: Vec<f64>,
     /// Mean active stress.
@@ -121,7 +121,7 @@ pub struct LawError {
 }
 
 impl LawError {
-    /// Error of a law's pressures against those of a beat \[mmHg\].
+    /// Error of a law's pressures against a beat's pressures \[mmHg\].
     #[must_use]
     pub fn of(law: &[f64], beat: &[f64]) -> Self {
         let n = law.len().min(beat.len());

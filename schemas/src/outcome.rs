@@ -23,7 +23,7 @@ pub use crate::step0::{Estimate, PassiveStateResult};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct TaskOutcome {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Task and number of the attempt.
     pub attempt: AttemptId,
@@ -33,7 +33,7 @@ pub struct TaskOutcome {
     pub artefacts: Vec<Artefact>,
     /// Provenance of the outcome.
     pub provenance: Provenance,
-    /// SHA-256 of the file in which this value is 64 zeros. Absent in outcomes of earlier versions.
+    /// SHA-256 of the file with 64 zeros for this value. Absent in outcomes of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
 }
@@ -51,7 +51,7 @@ pub struct RevokedAttempt {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Revocation {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Task and number of the attempt.
     pub attempt: AttemptId,
@@ -65,7 +65,7 @@ pub struct Revocation {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "ending", rename_all = "kebab-case")]
 pub enum Ending {
-    /// The attempt finished. The checks in the result tell if it is scientifically valid.
+    /// The attempt finished. The checks in the result show whether it is scientifically valid.
     Succeeded {
         /// Result of the computation.
         result: Box<TaskResult>,
@@ -395,7 +395,7 @@ pub struct CellFitResult {
     pub targets: CellBiomarkers,
     /// Weighted misfit plus penalty.
     pub cost: f64,
-    /// Terms of the cost by name, including those of the penalty.
+    /// Terms of the cost by name, including the penalty's terms.
     pub cost_terms: BTreeMap<String, f64>,
     /// Number of cell evaluations.
     pub evaluations: u64,

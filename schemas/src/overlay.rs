@@ -48,10 +48,10 @@ pub struct ModelOverlay {
     /// Accepted effects of heart and vessels.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectSpec>,
-    /// Artefacts for which the measured traces are corrected.
+    /// Artefacts that are removed from the measured traces.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<EffectSpec>,
-    /// Evidence for which the effects and corrections were accepted.
+    /// Evidence for the accepted effects and corrections.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accepted: Option<Acceptance>,
 }

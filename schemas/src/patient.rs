@@ -10,13 +10,13 @@ use crate::finite_element::MeshFibres;
 use crate::further::{FurtherTraces, LoadedBeat, QrsWidth, ValveTimes};
 use crate::organ::WindkesselParameters;
 
-/// A patient.
+/// A patient: measurements, anatomy and loads.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PatientFile {
     /// Pseudonym, which equals the name of the folder.
     pub id: String,
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
     /// Measured traces and values.
     pub measured: Measured,
@@ -26,7 +26,7 @@ pub struct PatientFile {
     /// Windkessel parameters, if they were determined beforehand.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub afterload: Option<WindkesselParameters>,
-    /// Filling pressure.
+    /// Pressure of the left atrium, which fills the ventricle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preload: Option<Preload>,
     /// Passive material, if it is known.
@@ -131,7 +131,7 @@ pub struct VolumeWithError {
 pub struct Diastasis {
     /// Time from the zero of the traces.
     pub time_ms: f64,
-    /// Cavity volume.
+    /// Volume of the ventricle's cavity.
     #[serde(rename = "volume_mL")]
     pub volume_ml: f64,
     /// Standard deviation of the volume.
@@ -215,7 +215,7 @@ pub struct MeshSize {
     pub elements: u64,
 }
 
-/// Filling pressure.
+/// Pressure of the left atrium, which fills the ventricle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Preload {

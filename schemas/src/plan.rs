@@ -35,7 +35,7 @@ pub enum Workflow {
     Personalise,
     /// Three no-op tasks, to measure the orchestration.
     Noop {
-        /// Time for which each task sleeps.
+        /// How long each task sleeps.
         sleep_ms: u64,
     },
     /// A single task, which is an element of a sweep.
@@ -49,7 +49,7 @@ pub enum Workflow {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ResolvedPatient {
-    /// Pseudonym.
+    /// Pseudonym of the patient.
     pub id: PatientId,
     /// Chain of tasks.
     pub workflow: Workflow,
@@ -304,7 +304,7 @@ impl ResolvedPatient {
         }
     }
 
-    /// A patient of three no-op tasks, each of which sleeps for `sleep_ms`.
+    /// A patient of three no-op tasks that sleep for `sleep_ms` each.
     #[must_use]
     pub fn noop(id: &str, sleep_ms: u64) -> Self {
         Self::without_data(PatientId::from(id), Workflow::Noop { sleep_ms })

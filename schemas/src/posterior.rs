@@ -164,7 +164,7 @@ pub struct Band {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Sampling {
-    /// Share of the requested draws for which the search converged.
+    /// Share of the requested draws whose search converged.
     pub converged_share: f64,
     /// Ratio of the remaining sum of squares of data and prior to its expected value: about 1 if
     /// model, prior and errors are right, larger if the model cannot follow the data to within

@@ -20,7 +20,7 @@ pub struct Preparation {
     pub cycle_length_ms: f64,
     /// Beats that were found in the recording.
     pub beats: BeatsFound,
-    /// Steps in the order in which they were done.
+    /// Steps in the order of their execution.
     pub steps: Vec<StepDone>,
     /// Points to check before the files are used.
     pub warnings: Vec<String>,

@@ -28,7 +28,7 @@ pub struct Provenance {
     pub arithmetic: String,
     /// Time of the start, UTC, RFC 3339.
     pub started: String,
-    /// Wall-clock time.
+    /// Duration by the clock.
     pub wall_s: f64,
     /// Processor time of the process.
     pub cpu_s: f64,

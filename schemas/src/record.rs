@@ -23,7 +23,7 @@ use crate::verdict::Verdict;
 /// Results of a cohort's run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RunRecord {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Name of the cohort.
     pub cohort: String,

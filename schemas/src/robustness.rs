@@ -56,7 +56,7 @@ pub struct RobustnessSpec {
 /// `robustness.json` in the folder of a sweep: results so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RobustnessResult {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Version of the program that wrote it.
     pub version: String,
@@ -71,7 +71,7 @@ pub struct RobustnessResult {
 /// Robustness of one patient's personalisation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PatientRobustness {
-    /// Pseudonym.
+    /// Pseudonym of the patient.
     pub patient: PatientId,
     /// All personalisations: the original, the samples, and those with other seeds.
     pub members: Vec<RobustnessMember>,
@@ -216,7 +216,7 @@ pub struct QuantitySpread {
     pub relative_differences: Option<Moments>,
     /// Standard deviation of the values over the magnitude of the original value.
     pub spread: Option<f64>,
-    /// Spread of this quantity relative to that of the input.
+    /// Spread of this quantity relative to the input's spread.
     pub amplification: Option<Amplification>,
     /// Values that the paper prints for its patient 02-CoA; absent for other patients.
     pub paper: Option<PaperSpread>,
@@ -292,7 +292,7 @@ impl std::fmt::Display for Printed {
 /// Relative difference between a fitted biomarker and its target: |value − target| / |target|.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TargetError {
-    /// Results that are compared: those of step 1 or of the verification beat.
+    /// Results that are compared: of step 1 or of the verification beat.
     pub table: TableKind,
     /// Name of the biomarker.
     pub biomarker: String,

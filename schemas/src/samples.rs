@@ -10,14 +10,14 @@ pub const N_SAMPLES: usize = 40;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct BeatSamples {
-    /// Cavity pressure.
+    /// Pressure in the ventricle's cavity.
     #[serde(
         rename = "pressure_mmHg",
         default,
         skip_serializing_if = "Vec::is_empty"
     )]
     pub pressure_mmhg: Vec<f64>,
-    /// Cavity volume.
+    /// Volume of the ventricle's cavity.
     #[serde(rename = "volume_mL", default, skip_serializing_if = "Vec::is_empty")]
     pub volume_ml: Vec<f64>,
 }
@@ -59,7 +59,7 @@ pub struct MeasuredTraces {
     pub samples: BeatSamples,
     /// Standard deviations of the difference between a beat and the measured traces.
     pub deviations: TraceDeviations,
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
 }
 

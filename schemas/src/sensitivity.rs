@@ -14,7 +14,7 @@ use crate::sweep::GsaSpec;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SensitivityRecord {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Version of the program that made the analysis.
     pub version: String,
@@ -37,7 +37,7 @@ pub struct SensitivityRecord {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SampleCounts {
-    /// All samples.
+    /// Number of all samples.
     pub total: u64,
     /// Samples that meet all constraints.
     pub physiological: u64,
@@ -107,7 +107,7 @@ pub struct RankedParameter {
     pub half_width: Option<f64>,
     /// Interval of ranks that contains the middle share (the confidence) of the resamples.
     pub rank_interval: Option<[u32; 2]>,
-    /// Share of the resamples in which the parameter has one of the first nine ranks.
+    /// Share of the resamples that give the parameter one of the first nine ranks.
     pub share_among_first_nine: Option<f64>,
     /// Rank and sum of the parameter in the independent reference, which has the paper's settings.
     pub reference: Option<ReferenceRank>,

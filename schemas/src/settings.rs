@@ -44,7 +44,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Method by which step 1 finds the next parameters, with [`Update::Auto`] resolved.
+    /// Method of step 1 to find the next parameters, with [`Update::Auto`] resolved.
     #[must_use]
     pub fn step1_update(&self) -> Update {
         match (self.step1.update, self.solver.fidelity) {
@@ -217,7 +217,7 @@ impl Strategy {
 pub struct CellFitSettings {
     /// Seed of the random numbers. Each patient has its own stream.
     pub seed: u64,
-    /// Search method.
+    /// Method of the search.
     #[serde(skip_serializing_if = "Strategy::is_default")]
     pub strategy: Strategy,
     /// Members of the population per parameter.
@@ -333,7 +333,7 @@ pub enum LastStep {
 pub struct WorkflowSettings {
     /// Last step that a patient runs through.
     pub until: LastStep,
-    /// Ventricle in which parameters of a finite-element ventricle are sought.
+    /// Where parameters of a finite-element ventricle are searched.
     pub surrogate: Surrogate,
     /// File with what other organs taught about the organ's law, from `cardiotwin export --law`. Its
     /// path is relative to the cohort's folder. Without it, the law of the program is the start.
@@ -345,7 +345,7 @@ pub struct WorkflowSettings {
     pub pilots: u32,
 }
 
-/// Fast ventricle in which the parameters of a finite-element ventricle are sought.
+/// Fast ventricle for the search of a finite-element ventricle's parameters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Surrogate {
@@ -428,7 +428,7 @@ pub struct ExecutorSettings {
     /// MPI launcher with its arguments, for example `["mpirun"]` or `["srun", "--mpi=pmix"]`. A 3D
     /// simulation with several threads then runs on as many ranks of `cardiotwin-worker-mpi`
     /// instead. In a job of a cluster each simulation is a step of the job, on nodes of its own or
-    /// on a share of a node, and the launcher is told where. Options of the site's profile come
+    /// on a share of a node, and the launcher gets the nodes. Options of the site's profile come
     /// first where both name the same program.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub launcher: Vec<String>,
@@ -464,11 +464,11 @@ pub struct ExecutorSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
     /// Absolute path of the folder for attempts, on a file system for working files. The run's
-    /// folder contains a link to it. If absent, attempts lie in the run's folder beside the
+    /// folder contains a link to it. If absent, attempts lie in the run's folder next to the
     /// database.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scratch: Option<PathBuf>,
-    /// Absolute path of the folder in which `archive` puts copies. If absent, the command line must
+    /// Absolute path of the folder for copies of `archive`. If absent, the command line must
     /// name a folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub archive: Option<PathBuf>,
@@ -480,7 +480,7 @@ pub struct ExecutorSettings {
     pub slurm: SlurmSettings,
 }
 
-/// Settings of the jobs in which a cohort runs on a cluster.
+/// Settings of a cohort's jobs on a cluster.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SlurmSettings {
@@ -491,7 +491,7 @@ pub struct SlurmSettings {
     pub account: Option<String>,
     /// Queue of the profile; by default the first one that suits the work.
     pub queue: Option<String>,
-    /// Longest walltime of a job, `HH:MM:SS`; by default that of the queue.
+    /// Longest walltime of a job, `HH:MM:SS`; by default the queue's.
     pub walltime: Option<String>,
     /// Time before the end of the walltime at which a job is warned, so that it can write a
     /// checkpoint.

@@ -128,7 +128,7 @@ impl std::fmt::Display for JobState {
 /// Status of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Status {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Name of the cohort.
     pub cohort: String,
@@ -218,7 +218,7 @@ pub struct JobStatus {
     pub name: String,
     /// State of the job.
     pub state: JobState,
-    /// Reason for which the job waits, in words.
+    /// Why the job waits, in words.
     pub why: String,
     /// Pseudonyms of the patients in the job.
     pub patients: Vec<String>,

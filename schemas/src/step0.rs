@@ -13,7 +13,7 @@ use crate::samples::BeatSamples;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Estimate {
-    /// Key of the patient file for which the estimate stands.
+    /// Key of the patient file that the estimate replaces.
     pub key: String,
     /// Value in the unit of the key.
     pub value: f64,

@@ -20,7 +20,7 @@ pub struct Step3Settings {
     /// Largest number of simulations in addition to the verification beat.
     #[schemars(range(min = 0, max = 100))]
     pub max_iterations: u32,
-    /// Names of the parameters that may vary: those of the cell and of the valves
+    /// Names of the parameters that may vary: of the cell and of the valves
     /// (`R_AV_f_mmHg_s_per_mL`, `R_MV_f_mmHg_s_per_mL`). Each needs bounds.
     pub parameters: Vec<String>,
     /// Bounds: lower, upper. The prior of the logarithm is centred at the model's default; its
@@ -139,7 +139,7 @@ impl Step3Settings {
 }
 
 impl Step3Settings {
-    /// Measured traces; `None` without any, or if none of them counts.
+    /// Measured traces; `None` without any, or if no trace counts.
     #[must_use]
     pub fn traces(
         &self,

@@ -11,11 +11,11 @@ use crate::ids::PatientId;
 use crate::organ_beat::OrganBeatSpec;
 use crate::robustness::RobustnessSpec;
 
-/// `sweep.json` in the folder of a sweep, beside the database of the run.
+/// `sweep.json` in the folder of a sweep, next to the database of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SweepFile {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Version of the program that created the folder.
     pub version: String,
@@ -70,7 +70,7 @@ pub struct CellDesign {
     pub skip_points: u64,
     /// Seed of a scrambled sequence; absent for the unscrambled sequence.
     pub scramble_seed: Option<u64>,
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
     /// Stretch at the beginning of the beat.
     pub lambda_0: f64,
@@ -78,7 +78,7 @@ pub struct CellDesign {
     pub fixed: BTreeMap<String, f64>,
     /// Tolerance of the cell engine. The beat of an organ does not use it.
     pub tolerance: f64,
-    /// Ventricle with the biomarkers that are analysed; absent if those of the cell are analysed.
+    /// Ventricle with the biomarkers that are analysed; absent for the cell's biomarkers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub organ: Option<Box<SweptOrgan>>,
 }
@@ -153,7 +153,7 @@ pub struct GsaAnalysis {
     pub confidence: f64,
     /// Seed of the bootstrap.
     pub seed: u64,
-    /// Rule by which samples count as not physiological.
+    /// Rule for samples that are not physiological.
     pub exclusion: ExclusionRule,
 }
 

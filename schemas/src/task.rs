@@ -168,7 +168,7 @@ pub struct LearnLawSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct PassiveStateSpec {
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
     /// File with the measured pressure trace.
     pub pressure: Option<InputFile>,
@@ -220,7 +220,7 @@ pub struct PassiveStateSpec {
     /// points.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub passive_law: Option<OneFibrePassive>,
-    /// Artefacts for which the traces are corrected before they are used.
+    /// Artefacts that are removed from the traces before they are used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<EffectSpec>,
     /// Input for the finite-element ventricle; absent for the reduced one.
@@ -343,7 +343,7 @@ pub struct Step3ProposalSpec {
 pub struct Step1Beat {
     /// Parameters of the beat.
     pub parameters: Step1Parameters,
-    /// Simulated biomarkers.
+    /// Biomarkers of the simulated beat.
     pub biomarkers: Biomarkers,
 }
 
@@ -380,7 +380,7 @@ pub struct TargetsSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct CellFitSpec {
-    /// Cycle length.
+    /// Length of the cardiac cycle.
     pub cycle_length_ms: f64,
     /// First value of the median stretch trace.
     pub lambda_0: f64,
@@ -421,7 +421,7 @@ pub struct CellSweepSpec {
 pub struct NoopSpec {
     /// Label that makes the task distinct.
     pub label: String,
-    /// Time for which the task sleeps.
+    /// How long the task sleeps.
     pub sleep_ms: u64,
 }
 
@@ -429,7 +429,7 @@ pub struct NoopSpec {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct AttemptSpec {
-    /// Format version.
+    /// Version of this file's format.
     pub schema_version: u32,
     /// Task and number of the attempt.
     pub attempt: AttemptId,

@@ -1,7 +1,7 @@
 //! A small file of every format, as its version of today was written: read, and written alike.
 //!
 //! A later version of the programs must read each. When a format's version is raised, its file here stays, and one of the new
-//! version comes beside it.
+//! version comes next to it.
 
 use std::path::{Path, PathBuf};
 

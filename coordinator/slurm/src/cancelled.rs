@@ -2,8 +2,8 @@
 //! which counts as a failure of the site.
 //!
 //! A controller that lost its state hands out numbers again. If it finds the earlier job of a
-//! number on its node, it cancels the new job as that starts: the new job had a node, ran for 0 s,
-//! never ran its script, and is `CANCELLED by` the controller's own user, often seconds after the
+//! number on its node, it cancels the new job as that starts. The new job had a node, ran for 0 s,
+//! and never ran its script. It is `CANCELLED by` the controller's own user, often seconds after the
 //! queue shows it as such. CANCELLED alone therefore does not show that a person cancelled the job.
 //! The rules, in this order:
 //! 1. Accounting names the job's own user, who is not root: a person. Another named user is a
@@ -17,7 +17,7 @@
 //! 4. After that, or at once on a site without accounting, the job's own evidence decides: a job
 //!    that never had a node, or whose processes were asked to end, was cancelled by a person. Slurm
 //!    sends SIGTERM for `scancel`, but a controller that lost its state also sends it to jobs that
-//!    it no longer knows, hence the long wait for accounting on a site that has it.
+//!    it no longer knows. This is why the wait for accounting is long on a site that has it.
 //! 5. Without any such evidence it was Slurm, once the grace time is over.
 
 use crate::job_status::{Accounting, Ended};

@@ -10,7 +10,7 @@ pub const ENVIRONMENT: &[(&str, &str)] = &[("SLURM_TIME_FORMAT", "%s"), ("LC_ALL
 /// Beginnings of the variables that Slurm's commands read as options, or that a job around this
 /// program left.
 const READ_BY_SLURM: [&str; 5] = ["SBATCH_", "SQUEUE_", "SACCT_", "SCANCEL_", "SLURM_"];
-/// Variables of Slurm that tell where the cluster is and who asks, and that stay.
+/// Variables of Slurm that name the cluster and the asker, and that stay.
 const KEPT: [&str; 6] = [
     "SLURM_CONF",
     "SLURM_CONF_SERVER",
@@ -28,7 +28,7 @@ pub fn is_removed(name: &str) -> bool {
 }
 
 /// The variables among `names` that would have changed a submission and are not passed on; a caller
-/// shows them with their values. Those of a job around this program are not among them.
+/// shows them with their values. Variables of a job around this program are left out.
 #[must_use]
 pub fn without_effect<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let mut found: Vec<&str> = names

@@ -102,7 +102,7 @@ const OUT_OF_MEMORY: &[&str] = &[
     "Out of memory",
 ];
 
-/// Cause that a log tells: the memory of a killed step, or else a node that failed; `None` if neither.
+/// Cause that a log names: the memory of a killed step, or else a node that failed; else `None`.
 #[must_use]
 pub fn told_by(log: &str) -> Option<FailureCause> {
     let has_any = |messages: &[&str]| messages.iter().any(|words| log.contains(words));
@@ -119,7 +119,7 @@ const FOREIGN_LAUNCHER: &[&str] = &[
     "another MPI's launcher",
 ];
 
-/// Whether a log tells that the ranks' MPI does not understand the launcher.
+/// Whether a log says that the ranks' MPI does not understand the launcher.
 #[must_use]
 pub fn tells_foreign_launcher(log: &str) -> bool {
     FOREIGN_LAUNCHER.iter().any(|words| log.contains(words))
@@ -130,8 +130,8 @@ fn lost_a_node(evidence: &Evidence<'_>) -> bool {
     told_by(evidence.log_tail) == Some(FailureCause::NodeFailure)
 }
 
-/// Nodes that failed under a job, in Slurm's notation; empty if nothing tells them apart from the job's
-/// other nodes. Slurm gives no job to a node that is down, so that an unnamed one need not be avoided.
+/// Nodes that failed under a job, in Slurm's notation; empty if they cannot be distinguished from the
+/// job's other nodes. Slurm gives no job to a node that is down: an unnamed one need not be avoided.
 ///
 /// - `nodes`: all nodes of the job
 #[must_use]

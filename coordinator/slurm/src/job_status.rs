@@ -44,7 +44,7 @@ pub struct Alive {
     pub runs: bool,
     /// State in Slurm's terms.
     pub state: SlurmState,
-    /// Reason for which it waits; `None` if it runs.
+    /// Why it waits; `None` if it runs.
     pub why: Option<Why>,
     /// Actual or expected start, seconds since 1970.
     pub start: Option<i64>,
@@ -148,7 +148,7 @@ pub fn of(
             || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
         let more = same().filter(|(_, more)| more.state.bearing() == Bearing::Ended);
         return JobStatus::Ended(match more.max_by_key(|(_, more)| more.submitted) {
-            // The accounting of an end may come before that of its start, and then has no nodes.
+            // The accounting of an end may come before the start's, and then has no nodes.
             Some((id, more)) if more.nodes.is_empty() => Ended {
                 began: Some(!row.nodes.is_empty()),
                 nodes: row.nodes.clone(),

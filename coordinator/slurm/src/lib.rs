@@ -1,5 +1,5 @@
-//! Slurm: its commands and the parsers of their answers, the meaning of its states, the consequences
-//! of each failure, the limits of a site, the exact batch scripts, the packing of work into jobs.
+//! Slurm: its commands and the parsers of their answers, the meaning of its states, and the
+//! consequences of each failure. Also the limits of a site, batch scripts, and the packing of work.
 //!
 //! Only [`access`] runs commands and reads files. The rest of the crate is pure data and decisions:
 //! it runs no command, reads no file and looks at no clock, because the caller passes texts and

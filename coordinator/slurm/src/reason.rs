@@ -1,4 +1,4 @@
-//! Reasons for which jobs wait, in words, and whether waiting helps.
+//! Why jobs wait, in words, and whether waiting helps.
 
 /// Event that a waiting job needs before it can start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 //!
 //! Where simulations run on threads, each node has a driver. Where they run on MPI ranks, the script
 //! itself starts one driver, which makes each simulation a step of the job on the nodes of its
-//! place. The driver is no step, so that it holds none of the job's cores and memory.
+//! place. The driver is no step, so that it takes no core and no memory of the job.
 
 use crate::job::JobName;
 use crate::site::{Queue, Site, Unit};
@@ -77,7 +77,7 @@ pub enum ScriptError {
         /// Reason why it cannot be part of a script.
         why: &'static str,
     },
-    /// The site needs an account, and none is set.
+    /// The site needs an account, but the settings name none.
     #[error("site {site} needs an account: set executor.slurm.account")]
     NoAccount {
         /// Name of the site.
@@ -252,7 +252,7 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
     option("--open-mode=append".to_owned());
     option("--export=NONE".to_owned());
     option(format!("--signal=B:USR1@{}", job.warning_s));
-    // sbatch is told the folder on its command line, too, where any name can stand.
+    // sbatch gets the folder on its command line, too, which accepts any name.
     if let Ok(folder) = directive("folder", &job.folder) {
         option(format!("--chdir={folder}"));
     }

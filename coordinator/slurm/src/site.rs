@@ -193,7 +193,7 @@ pub struct Launcher {
 
 impl Launcher {
     /// Launcher of a simulation's step, from the one that the settings name: where both are the
-    /// same program, the site's options come before those of the settings.
+    /// same program, the site's options come before the settings' options.
     #[must_use]
     pub fn of_steps(&self, named: &[String]) -> Vec<String> {
         match (named, &self.command[..]) {

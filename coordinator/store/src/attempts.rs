@@ -10,11 +10,11 @@ pub struct NewAttempt<'a> {
     pub task: &'a str,
     /// Generation of the attempt, from 1.
     pub generation: u32,
-    /// Row id of the allocation in which it runs.
+    /// Row id of its allocation.
     pub allocation: i64,
     /// Directory, relative to the run directory.
     pub directory: &'a str,
-    /// State in which the attempt begins its life.
+    /// State at the attempt's beginning.
     pub state: &'a Attempt,
     /// Name of the state.
     pub word: &'a str,
@@ -84,7 +84,7 @@ WHERE task IN (SELECT task FROM steps WHERE patient_id = ?1) ORDER BY generation
 pub(super) const OPEN_ALLOCATION: &str = "
 INSERT INTO allocations (kind, external_id, host, opened_ms) VALUES (?1, ?2, ?3, ?4)";
 
-/// Also closes allocations whose coordinator died: there is one writer, so none of them is in use.
+/// Also closes allocations whose coordinator died: there is one writer, so they are out of use.
 pub(super) const CLOSE_ALLOCATIONS: &str =
     "UPDATE allocations SET closed_ms = ?1 WHERE closed_ms IS NULL AND kind = ?2";
 

@@ -1,4 +1,4 @@
-//! Options chosen for a run, which the next `run` goes on with, and the settings that they led to.
+//! Options chosen for a run, which the next `run` uses again, and the settings that they led to.
 
 use std::collections::BTreeMap;
 

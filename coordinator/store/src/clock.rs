@@ -17,7 +17,7 @@ pub enum Clock {
 }
 
 impl Clock {
-    /// A manual clock that stands at `ms` since 1970-01-01T00:00:00Z.
+    /// A manual clock that shows `ms` since 1970-01-01T00:00:00Z.
     #[must_use]
     pub fn manual(ms: i64) -> Self {
         Self::Manual(Arc::new(AtomicI64::new(ms)))

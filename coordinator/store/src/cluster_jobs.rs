@@ -33,7 +33,7 @@ pub struct JobRow {
 pub struct JobSpec {
     /// Name of the queue in the site's profile.
     pub queue: String,
-    /// QoS; `None` if none is named.
+    /// QoS; `None` without a name.
     pub qos: Option<String>,
     /// Whether the job is an array.
     pub is_array: bool,
@@ -101,7 +101,7 @@ pub struct Placed {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SeenElement {
-    /// Reason for which it waits, in words.
+    /// Why it waits, in words.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub why: String,
     /// Actual or expected start, seconds since 1970.
@@ -168,7 +168,7 @@ pub struct ClusterReport {
     pub silent: u32,
     /// Time before which Slurm is not asked, milliseconds since 1970.
     pub asks_again_ms: i64,
-    /// Reason for which nothing is submitted at present; `None` if submission is possible.
+    /// Why nothing is submitted at present; `None` if submission is possible.
     pub holds: Option<String>,
     /// Charge per node-hour, in `charge_unit`.
     pub charge_per_node_hour: f64,
@@ -287,7 +287,7 @@ pub fn status(
     }
 }
 
-/// A job in which a patient was placed, for a person.
+/// A job that got a patient, for a person.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JobRecord {
     /// Scheduler's number, or the job's name while the number is unknown.
@@ -298,7 +298,7 @@ pub struct JobRecord {
     pub folder: std::path::PathBuf,
     /// State of the element.
     pub state: JobState,
-    /// Reason for which it waits, or how it ended.
+    /// Why it waits, or how it ended.
     pub why: String,
     /// Nodes of the element in Slurm's notation.
     pub nodes: String,
@@ -308,7 +308,7 @@ pub struct JobRecord {
     pub element: Option<usize>,
 }
 
-/// Jobs in which a patient was placed, oldest first.
+/// Jobs that got a patient, oldest first.
 #[must_use]
 pub fn of_patient(jobs: &[JobRow], patient_id: i64, run_dir: &std::path::Path) -> Vec<JobRecord> {
     let mut records = Vec::new();

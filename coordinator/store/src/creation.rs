@@ -117,7 +117,7 @@ pub(super) async fn create(run_dir: &Path, pass: Pass<'_>) -> Result<(), StoreEr
     passed(pass, "the database has its name")
 }
 
-/// Path of a file whose name begins with that of the database.
+/// Path of a file whose name begins with the database's name.
 fn beside(file: &Path, end: &str) -> PathBuf {
     let mut name = file.as_os_str().to_owned();
     name.push(end);

@@ -147,7 +147,7 @@ pub enum StoreError {
         /// Error of the JSON parser.
         source: serde_json::Error,
     },
-    /// A file beside the database cannot be accessed.
+    /// A file next to the database cannot be accessed.
     #[error("cannot {what} {file}")]
     File {
         /// Verb of the failed operation.

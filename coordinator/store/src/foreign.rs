@@ -1,4 +1,4 @@
-//! The process that has locked a file, as Linux tells it.
+//! The process that has locked a file, as Linux reports it.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt as _;
@@ -40,7 +40,7 @@ pub(super) fn holder(database: &Path) -> String {
         name.push(end);
         PathBuf::from(name)
     };
-    // With a write-ahead log the locks are those of the index.
+    // With a write-ahead log the index has the locks.
     let files = [database.to_owned(), beside("-shm")];
     let inodes: Vec<u64> = files
         .iter()

@@ -76,7 +76,7 @@ fn file(folder: &Path, generation: u64) -> PathBuf {
 
 impl Lease {
     /// Takes the lease of a run directory for `holder`. `lives` returns whether the process of a
-    /// claim is alive; `None` means that this host cannot tell.
+    /// claim is alive; `None` means that this host cannot know.
     ///
     /// # Errors
     /// [`LockError::Held`] with the holder, or [`LockError::Io`] if a file cannot be read or

@@ -4,7 +4,7 @@
 //! actions in the outbox. Actions run after the commit. A worker never opens the database.
 //!
 //! # Why rows travel as JSON
-//! SQLite runs on a thread of its own, and each statement, and each value of a row that is read, is handed over to it or from it.
+//! SQLite runs on a thread of its own. Each statement is handed over to it, and each value of a row is handed back.
 //! To hand over costs more than to store. So the rows of each table are one JSON array for one statement, which SQLite's
 //! `json_each` takes apart: a commit of a thousand transitions costs the same statements as a commit of one. Tables of many rows are
 //! read likewise, some hundreds of rows to a text, and rows that are read one by one are buffered on the way.

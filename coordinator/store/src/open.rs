@@ -13,7 +13,7 @@ use super::database::{
 };
 use super::{StoreError, file_system, stored_formats};
 
-/// Rows that SQLite's thread may be ahead of whoever reads them.
+/// Rows that SQLite's thread may be ahead of the reader.
 const ROWS_IN_FLIGHT: usize = 4096;
 
 /// Opens the database for its one writer, and creates it if it does not exist or was never
@@ -54,7 +54,7 @@ pub async fn writable(
     Ok(connection)
 }
 
-/// Whether there is no file, or one without a byte: a database that nobody finished.
+/// Whether there is no file, or one without a byte: an unfinished database.
 fn is_empty(file: &Path) -> bool {
     match file.metadata() {
         Ok(found) => found.is_file() && found.len() == 0,
@@ -81,7 +81,7 @@ async fn connect_to_write(file: &Path, shared: bool) -> Result<SqliteConnection,
             SqliteJournalMode::Wal
         })
         .synchronous(SqliteSynchronous::Full)
-        // Longer waits are those of `Patience`, which says for whom it waits.
+        // `Patience` waits longer, and says for whom.
         .busy_timeout(Duration::from_millis(500))
         .foreign_keys(true)
         .pragma("cache_size", "-65536")
@@ -93,7 +93,7 @@ async fn connect_to_write(file: &Path, shared: bool) -> Result<SqliteConnection,
         .map_err(sql(file, "opening"))
 }
 
-/// Format of the file; 0 for one that nobody finished. Refuses foreign files and newer formats.
+/// Format of the file; 0 for an unfinished one. Refuses foreign files and newer formats.
 async fn recognise(connection: &mut SqliteConnection, file: &Path) -> Result<i64, StoreError> {
     let application: i64 = sqlx::query_scalar("PRAGMA application_id")
         .fetch_one(&mut *connection)
@@ -162,7 +162,7 @@ pub struct ReadOnly {
     pub _copy: Option<tempfile::TempDir>,
 }
 
-/// Opens the database for reading, beside a running writer or without permission to write.
+/// Opens the database for reading, during a writer's work or without permission to write.
 ///
 /// A database in WAL mode needs its `-shm` file even for reading. If that can be neither found nor
 /// created, no writer can be active either: a file without a log is read as immutable, and one with
@@ -317,7 +317,7 @@ async fn contents(
     .map_err(sql(file, "reading"))
 }
 
-/// Copies a run's database to `target`, beside a running coordinator, and checks the copy. Returns
+/// Copies a run's database to `target`, also while a coordinator runs, and checks the copy. Returns
 /// its size in bytes.
 ///
 /// # Errors

@@ -9,7 +9,7 @@ use super::{StoreError, clock, foreign};
 const SHORTEST_MS: u64 = 50;
 /// Length above which the pause does not grow \[ms\].
 const LONGEST_MS: u64 = 2_000;
-/// How long a command waits that has nobody to decide otherwise \[ms\].
+/// How long a command waits without a person who decides otherwise \[ms\].
 const PATIENCE_MS: i64 = 30_000;
 
 /// A wait for another program.
@@ -27,7 +27,7 @@ pub struct Waiting {
 
 type Decide = Box<dyn FnMut(&Waiting) -> bool + Send>;
 
-/// Decides at each failed try whether the wait goes on.
+/// Decides at each failed try whether to continue to wait.
 pub struct Patience(Decide);
 
 impl Patience {
@@ -42,7 +42,7 @@ impl Patience {
         Self::new(move |waiting| waiting.waited_ms < limit_ms)
     }
 
-    /// Whether the wait goes on.
+    /// Whether to continue to wait.
     pub fn goes_on(&mut self, waiting: &Waiting) -> bool {
         (self.0)(waiting)
     }

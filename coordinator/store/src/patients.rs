@@ -11,7 +11,7 @@ pub const REFUSED: &str = "refused";
 /// A row of `patients`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PatientRow {
-    /// Row id, by which the other tables refer to the patient.
+    /// Row id; the other tables refer to the patient by it.
     pub id: i64,
     /// Position in the cohort.
     pub position: i64,

@@ -37,7 +37,7 @@ use super::{
 };
 use crate::clock;
 
-/// A read-only view of a run's database. It works beside a running coordinator and without
+/// A read-only view of a run's database. It works while a coordinator runs, and without
 /// permission to write.
 pub struct Reader {
     run_dir: PathBuf,
@@ -433,7 +433,7 @@ impl Reader {
         Ok(found.into_iter().map(|(_, attempt)| attempt).collect())
     }
 
-    /// Jobs of a cluster in which a patient was placed, oldest first, and the reason of the last
+    /// Jobs of a cluster that got a patient, oldest first, and the reason of the last
     /// repeat.
     ///
     /// # Errors

@@ -110,7 +110,7 @@ impl From<StepRow> for Step {
     }
 }
 
-/// Calls `found` with each `path` beside a `sha256`, at any depth.
+/// Calls `found` with each `path` next to a `sha256`, at any depth.
 fn named(value: &Value, found: &mut impl FnMut(&str, &str)) {
     match value {
         Value::Object(fields) => {

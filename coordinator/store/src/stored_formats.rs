@@ -1,6 +1,6 @@
 //! Versions of what the tables hold in JSON: states of machines, events, chains, plans, actions.
 //!
-//! The format of the database says which tables and columns there are. What stands in a column changes for other reasons, and has
+//! The format of the database says which tables and columns there are. The content of a column changes for other reasons, and has
 //! a version of its own: one entry of `meta` names all of them. A run without that entry was written when each was at version 1.
 
 use std::collections::BTreeMap;
@@ -59,7 +59,7 @@ pub(super) async fn check(
     Ok(())
 }
 
-/// Notes the versions in which this program writes; what a later program noted beside them stays.
+/// Notes this program's versions; further notes of a later program stay.
 pub(super) async fn note(connection: &mut SqliteConnection, file: &Path) -> Result<(), StoreError> {
     let mut versions = read(connection, file).await?;
     versions.extend(STORED.map(|format| (format.name.to_owned(), format.version)));

@@ -10,7 +10,7 @@ pub struct NewTask<'a> {
     pub key: &'a str,
     /// Kind of the task.
     pub kind: &'a str,
-    /// State in which the task begins its life.
+    /// State at the task's beginning.
     pub state: &'a Task,
     /// Name of the state.
     pub word: &'a str,

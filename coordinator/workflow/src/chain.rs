@@ -1,5 +1,5 @@
 //! A patient's chain as far as its tasks are settled. It is the basis of reports and is derived
-//! anew at every decision.
+//! again at every decision.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ pub struct Chain {
     /// last one may not have been made yet.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub proposals: Vec<ChainProposal>,
-    /// Ending of step 1; `None` while it goes on.
+    /// Ending of step 1; `None` until then.
     pub step1: Option<Step1Summary>,
     /// Task of step 2's targets.
     pub targets: Option<TaskKey>,
@@ -51,7 +51,7 @@ pub struct Chain {
     /// Proposals for step 3's simulations.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub step3_proposals: Vec<ChainProposal>,
-    /// Ending of step 3; `None` while it goes on.
+    /// Ending of step 3; `None` until then.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step3: Option<Step3Summary>,
     /// Task of the posterior, which measures how certain the twin is.

@@ -1,8 +1,8 @@
 //! A patient's workflow as pure functions: state machines, the verdict on outcomes, and the
 //! derivation of the next task. No clock, file, database or `async`.
 //!
-//! Three identities are never mixed. A **task** ([`task`]) is a wanted result, an **attempt**
-//! ([`attempt`]) is one try at it in a directory of its own, and an **allocation** is the resources
+//! Three identities are never mixed. A **task** ([`task`]) is a wanted result. An **attempt**
+//! ([`attempt`]) is one try at it in a directory of its own. An **allocation** is the resources
 //! that a scheduler gave (a table of the store; the local executor has one per coordinator
 //! process). A **patient** ([`patient`]) proceeds along a chain of tasks.
 //!

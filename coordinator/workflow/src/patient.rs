@@ -148,7 +148,7 @@ impl Step {
 }
 
 impl Ord for Step {
-    /// The order of the chain, in which proposals and simulations of a step alternate.
+    /// The order of the chain; proposals and simulations of a step alternate.
     fn cmp(&self, other: &Self) -> Ordering {
         let key = |step: &Self| match step.stage {
             Stage::Step1Proposal => (Stage::Step1, step.number, 0),
@@ -240,7 +240,7 @@ pub enum PatientEvent {
     },
     /// A person cancels the patient.
     Cancel,
-    /// Inputs or settings changed, or a person requested a rerun or retry: decide anew.
+    /// Inputs or settings changed, or a person requested a rerun or retry: decide again.
     Replan {
         /// Reason, for the history.
         reason: String,
@@ -266,7 +266,7 @@ impl Patient {
         )
     }
 
-    /// State for tables. It does not tell whether a wanted task is running.
+    /// State for tables. It does not show whether a wanted task is running.
     #[must_use]
     pub fn shown(&self) -> PatientState {
         match self {

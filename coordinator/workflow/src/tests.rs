@@ -398,7 +398,7 @@ proptest! {
     fn no_patient_is_left_in_limbo(events in any_of(patient_events())) {
         let (state, _) = accepted(Patient::Waiting, &events, patient_on);
         // From every state a path leads to the end: the wanted task is settled, or everything is
-        // decided anew.
+        // decided again.
         let decided = match state.clone() {
             Patient::Working { task, .. } => patient_on(state.clone(), PatientEvent::TaskSettled { task }).unwrap(),
             Patient::Waiting | Patient::Deciding { .. } => state.clone(),

@@ -36,7 +36,7 @@ pub enum Winner {
     Coordinator,
 }
 
-/// The key by which a revocation is told from an outcome.
+/// The key that distinguishes a revocation from an outcome.
 #[derive(Deserialize)]
 struct MaybeRevoked {
     revoked: Option<serde_json::Value>,

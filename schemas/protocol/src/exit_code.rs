@@ -1,4 +1,4 @@
-//! Exit codes by which a worker tells why it published nothing.
+//! Exit codes that say why a worker published nothing.
 
 /// Any reason other than the two below.
 pub const FAILED: u8 = 1;

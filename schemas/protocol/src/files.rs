@@ -79,7 +79,7 @@ pub fn write_synced(path: &Path, content: &[u8]) -> io::Result<()> {
 /// Creates `path` with `content` unless the name exists, and returns whether it was created.
 ///
 /// A reader sees either the complete content or no file. Nothing is synced: a claim guards only
-/// against processes that are alive now, and none of them survives a power failure.
+/// against processes that are alive now, and no claim survives a power failure.
 ///
 /// # Errors
 /// Any error of the file system.
@@ -121,7 +121,7 @@ impl SyncedDraft {
 ///
 /// `link(2)` does this on every file system with hard links, including NFS and Lustre. An exclusive
 /// creation followed by a write would not suffice: a process killed in between would leave an empty
-/// file under the contended name, and neither side could tell which one had won. If hard links are
+/// file under the contended name, and neither side could know which one had won. If hard links are
 /// missing (FAT, some network mounts), `renameat2(RENAME_NOREPLACE)` is equally exclusive. A file
 /// system with neither is rejected.
 fn place(draft: &NamedTempFile, path: &Path) -> io::Result<bool> {

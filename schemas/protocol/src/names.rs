@@ -2,7 +2,7 @@
 
 /// The task, written by the coordinator.
 pub const SPEC: &str = "spec.json";
-/// Claim by which a worker takes the attempt.
+/// Claim of the worker that takes the attempt.
 pub const CLAIM: &str = "started.json";
 /// The worker's outcome or the coordinator's revocation.
 pub const OUTCOME: &str = "outcome.json";

@@ -65,7 +65,7 @@ cell_parameters! {
     "a_p_kPa", "a", "p", "kPa", 42.0, None, SENSITIVITY, "passive stiffness of the cell model";
 }
 
-/// Constants of Land's passive element beside its scale `a_p_kPa`, which no fit and no file moves.
+/// Constants of Land's passive element except its scale `a_p_kPa`; no fit and no file moves them.
 pub const PASSIVE_ELEMENT: [CellParameter; 4] = [
     passive("b", "b", "", "", 9.1, "exponent of the parallel spring"),
     passive("k", "k", "", "", 7.0, "serial spring over parallel spring"),

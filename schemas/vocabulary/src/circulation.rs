@@ -13,7 +13,7 @@ pub struct WindkesselParameters {
     /// Peripheral resistance R2.
     #[serde(rename = "peripheral_resistance_mmHg_s_per_mL")]
     pub peripheral_resistance_mmhg_s_per_ml: f64,
-    /// Compliance C.
+    /// Compliance C of the arteries.
     #[serde(rename = "compliance_mL_per_mmHg")]
     pub compliance_ml_per_mmhg: f64,
 }

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-/// Follows the references of a schema inside `root`, and takes the alternative beside `null` of an
+/// Follows the references of a schema inside `root`, and takes the alternative to `null` of an
 /// optional value.
 #[must_use]
 pub fn resolve<'a>(mut schema: &'a Value, root: &'a Value) -> &'a Value {

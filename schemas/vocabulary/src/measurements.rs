@@ -32,7 +32,7 @@ impl FurtherQuantity {
         Self::Strain,
     ];
 
-    /// Name in files and results, such as that of the table in `patient.toml`.
+    /// Name in files and results, such as a table's name in `patient.toml`.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

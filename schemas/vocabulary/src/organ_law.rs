@@ -38,7 +38,7 @@ pub struct LawPrior {
     pub compliance: f64,
     /// Typical logarithm of the image's volume over the end-diastolic volume.
     pub typical_log_image_volume: f64,
-    /// Smallest and largest logarithm of the exponents' factor for which the mean's slope holds.
+    /// Smallest and largest logarithm of the exponents' factor that the mean's slope covers.
     pub log_exponent_factor_range: [f64; 2],
     /// Number of organs from which the prior was learned. It is the prior's weight when further organs
     /// teach.

@@ -52,7 +52,7 @@ pub struct HolzapfelOgden {
     /// Exponent of shear between fibre and sheet.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e3))]
     pub b_fs: f64,
-    /// Steepness of the switch by which fibres and sheets carry load only in extension.
+    /// Steepness of the switch: fibres and sheets carry load only in extension.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 1e4))]
     pub switch: f64,
 }

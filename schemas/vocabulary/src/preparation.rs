@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct RawImage {
     /// Time from the trigger in the cycle of the cine series.
     pub time_ms: f64,
-    /// Cavity volume.
+    /// Volume of the ventricle's cavity.
     #[serde(rename = "volume_mL")]
     pub volume_ml: f64,
     /// Standard deviation of the volume.
@@ -75,7 +75,7 @@ pub struct RejectStep {
     pub keep: Vec<u32>,
     /// Numbers of the beats, from 1, that are always left out.
     pub leave_out: Vec<u32>,
-    /// Intervals on the recording's clock in which beats are left out.
+    /// Intervals on the recording's clock whose beats are left out.
     pub leave_out_ms: Vec<[f64; 2]>,
 }
 
@@ -192,7 +192,7 @@ impl Default for NoiseStep {
     }
 }
 
-/// Method by which the volumes of the cine series are adjusted to the whole-heart image.
+/// Method to adjust the volumes of the cine series to the whole-heart image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum VolumeAdjustment {

@@ -1,6 +1,6 @@
 //! Ranges that the settings' types state, and the numbers outside of them.
 //!
-//! A field's range is an attribute beside it and becomes part of the JSON Schema. Editors show it,
+//! A field's range is an attribute next to it and becomes part of the JSON Schema. Editors show it,
 //! `cardiotwin check` and the solvers read it here. A new setting needs no further code.
 
 use schemars::{JsonSchema, schema_for};
@@ -131,7 +131,7 @@ impl Ranges {
         list
     }
 
-    /// Keys of numbers for which no largest value is stated. Tables in `free` are left out.
+    /// Keys of numbers without a stated largest value. Tables in `free` are left out.
     #[must_use]
     pub fn unstated(&self, free: &[&str]) -> Vec<String> {
         let mut list = Vec::new();

@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 /// Mean, standard deviation, minimum and maximum.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Moments {
-    /// Arithmetic mean.
+    /// Arithmetic mean of the values.
     pub mean: f64,
     /// Of a sample (divisor n − 1); none for a single value.
     pub standard_deviation: Option<f64>,
-    /// Smallest.
+    /// Smallest of the values.
     pub minimum: f64,
-    /// Largest.
+    /// Largest of the values.
     pub maximum: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Parameters of step 1: the Tanh active stress and the valves, six of which step 1 updates.
+//! Parameters of step 1: the Tanh active stress and the valves; step 1 updates six of them.
 
 use std::collections::BTreeMap;
 
@@ -152,7 +152,7 @@ macro_rules! updated {
             }
 
             /// Default bounds, lower and upper, in the unit of the key: too wide to bind in a sane fit. The floors of the
-            /// resistances are those of Table A6.
+            /// resistances come from Table A6.
             #[must_use]
             pub const fn default_bounds(self) -> [f64; 2] {
                 match self { $(Self::$variant => $default_bounds,)* }

@@ -12,7 +12,7 @@ use crate::step1::{Step1Parameter, Step1Parameters, TanhParameters, ValveParamet
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StopRule {
-    /// With the fixed point like `first-converged`. Space mapping goes on although the tolerance is
+    /// With the fixed point like `first-converged`. Space mapping continues though the tolerance is
     /// met while another simulation is predicted to lower the misfit by a fifth or more.
     Auto,
     /// Stop at the first iterate with a cost within the tolerance (the paper's rule).
@@ -21,7 +21,7 @@ pub enum StopRule {
     BestOfLimit,
 }
 
-/// Method by which step 1 finds the next parameters.
+/// Method of step 1 to find the next parameters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Update {
@@ -39,7 +39,7 @@ pub enum Update {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Step1Settings {
-    /// Method by which the next parameters are found.
+    /// Method to find the next parameters.
     pub update: Update,
     /// Cost at or below which step 1 has converged.
     #[schemars(extend("exclusiveMinimum" = 0.0, "maximum" = 100.0))]

@@ -1,8 +1,9 @@
 //! Text that AcqKnowledge (BIOPAC) exports.
 //!
-//! The file's name, the interval (`4 msec/sample`), the number of channels (`3 channels`), two lines
-//! for each channel, its name and its unit, a header (`msec CH1 CH2 …`, or without times), a row with
-//! each channel's number of samples, and rows of numbers. Cells are separated by tabs or commas.
+//! First come the file's name, the interval (`4 msec/sample`) and the number of channels (`3
+//! channels`), then two lines for each channel: its name and its unit. A header follows (`msec CH1
+//! CH2 …`, or without times), a row with each channel's number of samples, and rows of numbers.
+//! Cells are separated by tabs or commas.
 
 use std::path::Path;
 

@@ -15,7 +15,7 @@ pub(crate) struct Clock {
 impl Clock {
     /// The time with the midnights so far; `None` never.
     pub(crate) fn count_on(&mut self, time_ms: f64) -> Option<f64> {
-        // A step back by half a day or more is a midnight, a smaller one an error that is told.
+        // A step back by half a day or more is a midnight, a smaller one an error that is reported.
         if self
             .last_ms
             .is_some_and(|last| time_ms < last - 0.5 * DAY_MS)

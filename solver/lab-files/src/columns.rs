@@ -33,7 +33,7 @@ pub(crate) struct Header<'a> {
     pub(crate) line: Option<usize>,
     pub(crate) labels: &'a [Label],
     /// Whether columns that are not read get a warning; formats with columns of their own only
-    /// tell them.
+    /// report them.
     pub(crate) warn_of_others: bool,
 }
 

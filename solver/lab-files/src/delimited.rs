@@ -22,7 +22,7 @@ pub(crate) struct Layout {
     pub(crate) ends: bool,
     /// Whether columns that are not read get a warning.
     pub(crate) warn_of_others: bool,
-    /// Whether the form is the program's own, so that it need not be told.
+    /// Whether the form is the program's own, so that no message names it.
     pub(crate) own: bool,
 }
 

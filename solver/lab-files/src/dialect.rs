@@ -118,7 +118,7 @@ pub enum NoDialect {
 /// number of cells.
 ///
 /// # Errors
-/// [`NoDialect`] if there are no rows, or if separators and decimal signs cannot be told apart.
+/// [`NoDialect`] if there are no rows, or if separators and decimal signs look alike.
 pub fn sniff(lines: &[&str]) -> Result<Dialect, NoDialect> {
     let probe = &lines[..lines.len().min(PROBE)];
     let mut best: Option<(usize, Dialect)> = None;

@@ -226,7 +226,7 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Probl
             "export each part as a file of its own",
         ));
     }
-    // Begin of each record from that of the first [ms].
+    // Begin of each record, counted from the first record's begin [ms].
     let begin_ms: Vec<f64> = match &begins {
         Some(begins) => begins.iter().map(|s| 1e3 * (s - begins[0])).collect(),
         None => (0..records).map(|r| 1e3 * duration_s * r as f64).collect(),

@@ -58,7 +58,7 @@ pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted], sheet: Option<&str>) 
         Err(error) => return damaged(error.to_string()),
     };
     let names = book.sheet_names();
-    // What nobody sees in the workbook is not read, unless prepare.toml names it.
+    // Hidden sheets are not read, unless prepare.toml names them.
     let hidden: Vec<String> = book
         .sheets_metadata()
         .iter()
@@ -88,7 +88,7 @@ pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted], sheet: Option<&str>) 
         match grid(&range, file, name, wanted) {
             Ok((grid, told)) => {
                 let problems = told.problems();
-                // Cells that are no numbers would be told again as missing ones.
+                // Cells that are no numbers would be reported again as missing ones.
                 if problems.iter().any(Problem::is_error) {
                     return TableReading {
                         table: None,

@@ -2,7 +2,7 @@
 
 use crate::wanted::Wanted;
 
-/// Name of a column as the file has it, with the unit beside it.
+/// Name of a column as the file has it, with its unit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Label {
     /// The whole header of the column, for example `LVP (mmHg)`.
@@ -170,7 +170,7 @@ pub(crate) fn is_unit(text: &str) -> bool {
         || ["", "*", "-", "%", "bpm", "g"].contains(&inner)
 }
 
-/// A quantity's kind and the names by which laboratories know it.
+/// A quantity's kind, and its names in laboratories.
 pub(crate) struct Known {
     pub(crate) quantity: &'static str,
     pub(crate) dimension: Dimension,
@@ -343,7 +343,7 @@ pub(crate) fn plain_name(name: &str) -> String {
 pub(crate) struct Match {
     pub(crate) place: usize,
     pub(crate) factor: f64,
-    /// The name alone does not tell the quantity; there is no other column of the kind.
+    /// The name alone does not determine the quantity; there is no other column of the kind.
     pub(crate) by_kind: bool,
     /// Number of other columns with as good a name.
     pub(crate) others: usize,

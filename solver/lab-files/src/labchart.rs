@@ -3,9 +3,9 @@
 //! Each block begins with header lines `Key=` and tabs: `Interval=`, `ExcelDateTime=`,
 //! `TimeFormat=`, `DateFormat=`, `ChannelTitle=`, `Range=`, and in newer versions `UnitName=`,
 //! `TopValue=` and `BottomValue=`. Rows follow: the time (an option of the export), a value for each
-//! channel, and comments after `#`. A unit `*` means that of the range; without `UnitName=`, a unit in
-//! the title goes before the range's, which is that of the amplifier. An empty cell at the end of a row
-//! is a cell. Times of day may pass midnight, have AM or PM, and stand behind a column of dates. Where
+//! channel, and comments after `#`. A unit `*` means the range's unit. Without `UnitName=`, a unit in
+//! the title goes before the range's unit, which is the amplifier's. An empty cell at the end of a
+//! row is a cell. Times of day may pass midnight, have AM or PM, and stand behind a column of dates. Where
 //! times are rounded, the stated interval counts.
 
 use std::path::Path;
@@ -33,7 +33,7 @@ const KEYS: [&str; 9] = [
     "TopValue=",
     "BottomValue=",
 ];
-/// Most comments that are told one by one.
+/// Largest number of comments that are reported one by one.
 const COMMENTS: usize = 6;
 
 /// Whether a text has the header of LabChart among its first lines.
@@ -558,7 +558,7 @@ fn choose(mut blocks: Vec<Block>, file: &Path, wanted: Option<usize>) -> Result<
             };
             (here - first) * DAY_MS
         } else if let (Some(first), Some(here)) = (whole.date, block.date) {
-            // Times of day begin anew on each day.
+            // Times of day begin again on each day.
             (here.floor() - first.floor()) * DAY_MS
         } else {
             0.0

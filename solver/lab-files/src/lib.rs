@@ -1,7 +1,7 @@
 //! Readers of the files that laboratories export (docs/prepare.md).
 //!
 //! [`read()`] sees the format from the content, finds the columns of the wanted quantities by their
-//! names and units, and tells its decisions in words. Each format has a module.
+//! names and units, and reports its decisions in words. Each format has a module.
 
 #![expect(
     clippy::result_large_err,

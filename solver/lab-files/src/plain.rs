@@ -1,5 +1,5 @@
 //! Tables of numbers without the names and units of a laboratory: every column as it is, with what its
-//! header tells. The caller decides what the columns are.
+//! header says. The caller decides what the columns are.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -22,13 +22,13 @@ pub struct PlainColumn {
     /// Header of the column, for example `LVP (mmHg)`; `column 2` without a header.
     pub label: String,
     /// Quantity of that name or unit: `time`, `lv_pressure`, `aortic_pressure`, `flow`, `ecg` or
-    /// `volume`; `None` where neither tells.
+    /// `volume`; `None` where neither says so.
     pub quantity: Option<&'static str>,
     /// Unit in the header, as written.
     pub unit: Option<String>,
     /// Factor from that unit to ms, mmHg, mL/s, mV or mL; `None` without a unit of the quantity.
     pub factor: Option<f64>,
-    /// Values as they stand in the file; NaN for a missing one.
+    /// Values as in the file; NaN for a missing one.
     pub values: Vec<f64>,
 }
 
@@ -206,10 +206,10 @@ fn quantity(label: &Label) -> Option<&'static str> {
         let known = KNOWN
             .iter()
             .find(|known| known.dimension.factor(unit).is_some())?;
-        // Two quantities are pressures: an unknown name does not tell which one.
+        // Two quantities are pressures: an unknown name does not say which one.
         (known.quantity != "lv_pressure").then_some(known.quantity)
     };
-    // `V` is a volume beside a pressure. `V (V)` is a voltage.
+    // `V` is a volume next to a pressure. `V (V)` is a voltage.
     let is_volume = name == "v"
         && label
             .unit

@@ -5,7 +5,7 @@
 //! header `Time[ms] Endovol[ml] Epivol[ml] Papvol RVEndovol[ml] RVEpivol[ml]`, separated by tabs
 //! (`export.m` of its open-source version). cvi42's scientific report is a text of many sections in
 //! UTF-16; its curves are tables with tabs whose header has a column of times, such as `Time(ms)`,
-//! and whose units may stand in the line below.
+//! and whose units may be in the line below.
 
 use std::path::Path;
 

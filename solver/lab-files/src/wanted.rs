@@ -78,7 +78,7 @@ pub struct TableReading {
     pub problems: Vec<Problem>,
 }
 
-/// The wanted quantities for a file that itself tells the times, whatever prepare.toml calls them.
+/// The wanted quantities for a file with times of its own, whatever prepare.toml calls them.
 pub(crate) fn times_of_the_file(wanted: &[Wanted]) -> Vec<Wanted> {
     let mut wanted = wanted.to_vec();
     for one in wanted.iter_mut().filter(|one| one.quantity == "time") {

@@ -3,7 +3,7 @@
 //! The header's record line gives the name, the number of signals, the frequency and the number of
 //! samples; a line for each signal gives its file, format, gain, baseline and unit, resolution,
 //! zero, first value, checksum, block size and description (WFDB Applications Guide, header(5)).
-//! The formats 8, 16, 24, 32, 61, 80, 160, 212, 310 and 311 are those of signal(5).
+//! The formats 8, 16, 24, 32, 61, 80, 160, 212, 310 and 311 come from signal(5).
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::headers::Label;
 use crate::samples::{Format, decode};
 use crate::wanted::{TableReading, Wanted, times_of_the_file};
 
-/// Reader of a file beside the header, by its name there. Errors come in words.
+/// Reader of a file next to the header, by its name there. Errors come in words.
 pub type Beside<'a> = dyn FnMut(&str) -> Result<Vec<u8>, String> + 'a;
 
 /// Samples a second where the header states none (header(5)).

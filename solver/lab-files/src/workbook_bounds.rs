@@ -66,7 +66,7 @@ pub fn check_parts(bytes: &[u8]) -> Result<(), Refused> {
     for index in 0..archive.len() {
         let mut part = archive.by_index(index).map_err(damaged)?;
         let is_content = part.name() == CONTENT;
-        // One byte more than is allowed tells an excess.
+        // One byte more than is allowed shows an excess.
         let mut bounded = (&mut part).take(left + 1);
         if is_content {
             check_content(&mut bounded)?;
@@ -89,8 +89,8 @@ pub fn check_parts(bytes: &[u8]) -> Result<(), Refused> {
     Ok(())
 }
 
-/// Counts the cells of all sheets of an `.xls` file, which are read together. What is not whole is
-/// told where it is read.
+/// Counts the cells of all sheets of an `.xls` file, which are read together. Damage is
+/// reported where it is read.
 ///
 /// # Errors
 /// [`Refused`] with the limit that is exceeded.
@@ -144,7 +144,7 @@ pub fn check_sheet<R: Read + Seek>(book: &mut Sheets<R>, sheet: &str) -> Result<
                     extent.take(cell.get_position(), cell.get_value())?;
                 }
             }
-            // A sheet of charts is told where it is read.
+            // A sheet of charts is reported where it is read.
             Err(_) => return Ok(()),
         },
         Sheets::Xlsb(book) => match book.worksheet_cells_reader(sheet) {
@@ -512,7 +512,7 @@ mod tests {
                 other => panic!("{other:?}"),
             }
         }
-        // What is no compound file is told by its reader.
+        // The reader reports a file that is no compound file.
         assert_eq!(check_records(b"\xd0\xcf\x11\xe0"), Ok(()));
     }
 }

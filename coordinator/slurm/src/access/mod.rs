@@ -28,7 +28,7 @@ pub struct FolderError {
     pub source: io::Error,
 }
 
-/// Runs Slurm's commands: the installed ones, or those of a model of Slurm in tests.
+/// Runs Slurm's commands: the installed ones or, in tests, the commands of a model of Slurm.
 pub trait Scheduler: Send {
     /// Runs a command to its end or to the time limit.
     fn ask(&mut self, command: &Command) -> impl Future<Output = Output> + Send;

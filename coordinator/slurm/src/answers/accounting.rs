@@ -30,7 +30,7 @@ pub struct AccountingRow {
     pub name: String,
     /// State of the job.
     pub state: SlurmState,
-    /// User id of the canceller; `None` if none is named.
+    /// User id of the canceller; `None` without a name.
     pub cancelled_by: Option<u32>,
     /// Exit of the job; `None` if it cannot be read.
     pub exit: Option<ExitCode>,

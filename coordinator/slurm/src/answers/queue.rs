@@ -23,7 +23,7 @@ pub struct QueueRow {
     pub name: String,
     /// State of the job.
     pub state: SlurmState,
-    /// Reason for which the job waits, as Slurm's code.
+    /// Why the job waits, as Slurm's code.
     pub reason: String,
     /// Name of the partition.
     pub partition: String,

@@ -39,7 +39,7 @@ pub struct Refusal {
 }
 
 impl Refusal {
-    /// What a person does about it, where the message tells what is at fault.
+    /// What a person does about it, where the message names the fault.
     #[must_use]
     pub fn remedy(&self) -> Option<&'static str> {
         let words = self.said.to_lowercase();

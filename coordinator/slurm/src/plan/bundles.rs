@@ -57,7 +57,7 @@ impl Bundle {
             .fold(0.0, f64::max)
     }
 
-    /// Tasks in the order in which they are to be taken: the first of every place, then the second,
+    /// Tasks in the order of their start: the first of every place, then the second,
     /// and so on.
     #[must_use]
     pub fn order(&self) -> Vec<&str> {

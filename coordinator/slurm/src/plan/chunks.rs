@@ -43,7 +43,7 @@ pub struct Chunks {
 pub struct ChunkArray {
     /// Index of the chunk of element 0.
     pub first: u64,
-    /// Number of elements, each of which computes one chunk; 1 for a single job.
+    /// Number of elements with one chunk each; 1 for a single job.
     pub n: u32,
     /// Largest number of elements at once; `None` means no throttle.
     pub at_once: Option<u32>,

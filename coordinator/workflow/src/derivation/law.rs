@@ -8,7 +8,7 @@ use super::{Derivation, Derived, Next, Teaching, broken, wrong_kind};
 use crate::patient::{Stage, Step};
 
 impl Derivation<'_, '_> {
-    /// The law that pilots taught; `None` if the patient learns from nobody.
+    /// The law that pilots taught; `None` without pilots to learn from.
     pub(super) fn taught_law(&mut self, teaching: &Teaching<'_>) -> Derived<Option<InputFile>> {
         let step = Step::only(Stage::LearnLaw);
         let lessons = match teaching {

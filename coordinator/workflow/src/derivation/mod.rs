@@ -1,7 +1,7 @@
 //! Derivation of a patient's chain from its plan and the outcomes so far: the next task, or the
 //! ending of the chain. Pure functions.
 //!
-//! Nothing is remembered between two decisions: the whole chain is derived anew, and each task is
+//! Nothing is remembered between two decisions: the whole chain is derived again, and each task is
 //! found by its key. A changed input or setting leads to another key and hence to other tasks, from
 //! that point of the chain on and not before. A resumed run is the same derivation.
 
@@ -50,7 +50,7 @@ pub enum Settled<'a> {
 /// What a patient learns from pilots.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Teaching<'a> {
-    /// The patient learns from nobody: it is a pilot, or there are none.
+    /// The patient has no teacher: it is a pilot, or there are no pilots.
     None,
     /// The patient waits for these pilots.
     Awaited(Vec<PatientId>),
@@ -198,7 +198,7 @@ impl<'a> Derivation<'a, '_> {
         Ok(())
     }
 
-    /// Step 0, and the law that pilots taught; no law if the patient learns from nobody.
+    /// Step 0, and the law that pilots taught; no law without pilots to learn from.
     fn beginning(
         &mut self,
         teaching: &Teaching<'_>,

@@ -342,7 +342,7 @@ impl<'a> Derivation<'a, '_> {
     }
 }
 
-/// Reason why none of step 1's simulations can be the result.
+/// Reason why no simulation of step 1 can be the result.
 fn why_none(runs: &[Result<Published<'_>, Failure>]) -> String {
     let failed = runs
         .iter()

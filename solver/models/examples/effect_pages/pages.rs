@@ -1,8 +1,7 @@
 //! Pages of the effects as text: file name and content.
 
 use cardiotwin_models::effects::{
-    CATALOGUE, Effect, EffectSetting, InThreeDimensions, Kind, Parameter, PeriodicTraces, Phase,
-    Role, Sign, Signal,
+    CATALOGUE, Effect, EffectSetting, InThreeDimensions, Kind, Parameter, PeriodicTraces, Role,
 };
 use cardiotwin_models::periodic::{FitSubject, PeriodicSettings, find};
 use cardiotwin_units::{Ml, Ms};
@@ -46,11 +45,11 @@ fn kind(effect: &Effect) -> &'static str {
 fn index() -> String {
     let mut text = format!(
         "# Effects beyond the base model\n\n\
-         What the base model ([models.md](../models.md)) lacks, as components that can be added to it alone or together.\n\
+         What the [base model](../models.md) lacks, as components that can be added to it alone or together.\n\
          Pictures show a periodic beat of the typical base model without the effect (dashed) and with it (solid).\n\
-         The pages are made from the catalogue's declarations (`solver/models/src/effects/`) by `{COMMAND}`; \
-         a test checks that they are current.\n\n\
-         | effect | kind | strength | meaning |\n| --- | --- | --- | --- |\n"
+         Tables have the smallest strength that gets a name, and the standard deviation (sd) of the prior.\n\
+         The pages are made from `solver/models/src/effects/` by `{COMMAND}`; a test checks that they are current.\n\n\
+         | effect | kind | strength | meaning |\n|---|---|---|---|\n"
     );
     for effect in CATALOGUE {
         let _ = writeln!(
@@ -67,8 +66,7 @@ fn index() -> String {
          The strength must be given; other absent parameters take their typical value.\n\
          An artefact is refused there: it asks for a correction of the data.\n\n\
          ```toml\n[[effects]]\nname = \"atrial_kick\"\n[effects.parameters]\namplitude_mmHg = 8.0\n```\n\n\
-         To add an effect: a file in `solver/models/src/effects/` that declares an `EFFECT`, and a line in `CATALOGUE`.\n\
-         The catalogue's tests then check that it is off at its off-value, moves the traces where it says, is restored from a snapshot and keeps the volume balance.\n",
+         [CONTRIBUTING.md](../../CONTRIBUTING.md#an-effect) adds an effect.\n",
     );
     text
 }
@@ -88,8 +86,8 @@ fn range(p: &Parameter) -> String {
 fn page(effect: &Effect) -> String {
     let mut text = format!(
         "# {0}\n\n{1}: {2}\n\n```\n{3}\n```\n\nSource: {4}.\n\n![{0} on and off]({0}.svg)\n\n\
-         ## Parameters\n\n| name | unit | meaning | plausible | off | smallest to be named | typical | prior sd | in a fit |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
+         ## Parameters\n\n| name | unit | meaning | plausible | off | smallest | typical | sd | in a fit |\n\
+         |---|---|---|---|---|---|---|---|---|\n",
         effect.name,
         capital(kind(effect)),
         effect.meaning,
@@ -121,18 +119,9 @@ fn page(effect: &Effect) -> String {
     }
     let _ = write!(
         text,
-        "\n## Where it shows\n\nAgainst a refitted base model: {}.\n\nSwitched on, everything else equal:\n\n",
+        "\n## Where it shows\n\nAgainst a refitted base model: {}.\n",
         effect.signature
     );
-    for mark in effect.marks {
-        let _ = writeln!(
-            text,
-            "- {}: {} {}",
-            phase(mark.phase),
-            signal(mark.signal),
-            if mark.sign == Sign::Up { "up" } else { "down" }
-        );
-    }
     if let Some(why) = effect.hidden_because {
         let _ = write!(
             text,
@@ -151,7 +140,7 @@ fn page(effect: &Effect) -> String {
     };
     let _ = write!(
         text,
-        "\n## What it is confused with\n\n{}.\nShown or separated by: {}.\n\n## In three dimensions\n\n{}\n",
+        "\n## What it is confused with\n\n{}.\nShown or separated by: {}.\n\nIn 3D: {}\n",
         capital(&confused),
         effect.separated_by.join("; "),
         in_3d(effect)
@@ -165,19 +154,17 @@ fn page(effect: &Effect) -> String {
 fn in_3d(effect: &Effect) -> String {
     match effect.in_3d {
         InThreeDimensions::AsItIs => match effect.kind {
-            Kind::Physiology => "The same object, as it is.".to_owned(),
-            Kind::Artefact => {
-                "The same step between simulated and measured traces, as it is.".to_owned()
-            }
+            Kind::Physiology => "used unchanged.".to_owned(),
+            Kind::Artefact => "used unchanged, between simulated and measured traces.".to_owned(),
         },
-        InThreeDimensions::ActivationMap { how } => format!("As an activation map: {how}."),
+        InThreeDimensions::ActivationMap { how } => format!("as an activation map: {how}."),
         InThreeDimensions::PassiveExponents { factor } => {
             format!(
-                "All exponents of Guccione's law times `{factor}`; its scale is fitted again in step 0."
+                "all exponents of Guccione's law times `{factor}`; its scale is fitted again in step 0."
             )
         }
-        InThreeDimensions::MaterialTerm { how } => format!("As a term of the material: {how}."),
-        InThreeDimensions::Cannot { why } => format!("Not possible: {why}."),
+        InThreeDimensions::MaterialTerm { how } => format!("as a term of the material: {how}."),
+        InThreeDimensions::Cannot { why } => format!("not possible: {why}."),
     }
 }
 
@@ -186,27 +173,6 @@ fn capital(text: &str) -> String {
     letters.next().map_or(String::new(), |first| {
         first.to_uppercase().chain(letters).collect()
     })
-}
-
-fn phase(phase: Phase) -> &'static str {
-    match phase {
-        Phase::IsovolumicContraction => "isovolumic contraction",
-        Phase::EarlyEjection => "early ejection",
-        Phase::LateEjection => "late ejection",
-        Phase::IsovolumicRelaxation => "isovolumic relaxation",
-        Phase::RapidFilling => "rapid filling",
-        Phase::Diastasis => "diastasis",
-        Phase::AtrialSystole => "atrial systole",
-    }
-}
-
-fn signal(signal: Signal) -> &'static str {
-    match signal {
-        Signal::Pressure => "pressure",
-        Signal::PressureRate => "rate of pressure",
-        Signal::Volume => "volume",
-        Signal::VolumeRate => "rate of volume",
-    }
 }
 
 /// One panel: where it stands, its axes, and two curves over each other.

@@ -15,7 +15,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "The muscle pulls across its fibres too.",
     equation: "σ_cross = ν σ_fibre; in the one-fibre model, whose strain is the same in both directions, Sa → (1 + ν) Sa",
-    source: "Our values. The abstract of Walker et al. 2005, Am J Physiol 289:H692, has 0.4. That of Genet et al. 2014, J Appl Physiol 117:142, has no share. Lin and Yin 1998, J Biomech Eng 120:504, was not read",
+    source: "Our values. The abstract of Walker et al. 2005, Am J Physiol 289:H692, has 0.4. The abstract of Genet et al. 2014, J Appl Physiol 117:142, has no share. Lin and Yin 1998, J Biomech Eng 120:504, was not read",
     parameters: &[Parameter {
         name: "cross_fibre_share",
         unit: "1",

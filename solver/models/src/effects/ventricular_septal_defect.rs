@@ -15,7 +15,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "A hole in the septum lets blood from the left into the right ventricle.",
     equation: "Q = 50 A √(P_lv − P_rv) for P_lv > P_rv; P_rv = P_d + (P_s − P_d) sin²(π (t − onset)/d) in systole (A in cm², Q in mL/s)",
-    source: "Our values. A third of the frequency of mitral regurgitation, more than among adults, is ours, too. The abstract of Nkomo et al. 2006, Lancet 368:1005, does not split valve diseases (2.5 % of adults). That of Hoffman and Kaplan 2002, J Am Coll Cardiol 39:1890, counts births. Gorlin and Gorlin 1951, Am Heart J 41:1, was not read",
+    source: "Our values. A third of the frequency of mitral regurgitation is ours, too. The abstract of Nkomo et al. 2006, Lancet 368:1005, does not split valve diseases (2.5 % of adults). The abstract of Hoffman and Kaplan 2002, J Am Coll Cardiol 39:1890, counts births. Gorlin and Gorlin 1951, Am Heart J 41:1, was not read",
     parameters: &[
         Parameter {
             name: "orifice_cm2",

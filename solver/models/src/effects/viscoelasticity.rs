@@ -14,7 +14,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "The wall resists the rate of its stretch.",
     equation: "P_lv gains η dV/dt (q η dV/dt while the volume falls)",
-    source: "Our values. The abstract of Rankin et al. 1977, Circ Res 41:37 (a viscous element beside the elastic one fits dogs better), does not have them. Land et al. 2017, J Mol Cell Cardiol 106:68, was not read",
+    source: "Our values. The abstract of Rankin et al. 1977, Circ Res 41:37 (a viscous element fits dogs better), does not have them. Land et al. 2017, J Mol Cell Cardiol 106:68, was not read",
     parameters: &[
         Parameter {
             name: "viscosity_mmHg_s_per_mL",

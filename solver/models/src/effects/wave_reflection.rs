@@ -16,7 +16,7 @@ pub const EFFECT: Effect = Effect {
     kind: Kind::Physiology,
     meaning: "Inertia or a narrowing between proximal and distal arteries sends part of the ejected wave back.",
     equation: "C split f : 1 − f, between them L dQ/dt = P_1 − P_2 − R_l Q − K Q|Q|",
-    source: "Our values. The abstracts of Stergiopulos et al. 1999, Am J Physiol 276:H81 (inertance beside the Windkessel), and Westerhof et al. 2009, Med Biol Eng Comput 47:131, do not have them",
+    source: "Our values. The abstracts of Stergiopulos et al. 1999, Am J Physiol 276:H81 (inertance next to the Windkessel), and Westerhof et al. 2009, Med Biol Eng Comput 47:131, do not have them",
     parameters: &[
         Parameter {
             name: "inertance_mmHg_s2_per_mL",
