@@ -293,7 +293,7 @@ pub fn pooled(cases: &DiscoverCases) -> Markup {
         thead { tr { th { "effect" } th { "accepted in" } th { "pooled evidence" } th.unit { "a fault of" } th.unit { "dominated by" } } }
         tbody { @for effect in pool(cases.values().map(|c| (c.case.as_str(), &c.found))) { tr {
             th scope="row" { (plain(&effect.name)) }
-            td.num { (accepted_in(effect, cases.len())) }
+            td.num { (accepted_in(&effect, cases.len())) }
             td.num { (format!("{:.1}", effect.log_evidence)) }
             td { @if effect.of_the_model { "the organ's model" } @else if effect.accepted_in > 0 { "single patients" } }
             td { (effect.dominated_by.as_deref().unwrap_or_default()) }
