@@ -88,7 +88,8 @@ impl Books {
                     (None, None) => String::new(),
                 };
                 if self.has_no_intervals(i) {
-                    shown.note += &format!("; {NO_INTERVALS}");
+                    // First, because a narrow table cuts long notes off.
+                    shown.note = format!("{NO_INTERVALS}; {}", shown.note);
                 }
             }
             Patient::Failed { step, failure } => {

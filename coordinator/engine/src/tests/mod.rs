@@ -255,7 +255,7 @@ async fn a_posterior_that_cannot_be_sampled_holds_nobody_and_is_said() {
         Some("uncertainty unknown: no answer, as the test asks")
     );
     assert!(
-        record.status.note.ends_with("; uncertainty unknown"),
+        record.status.note.starts_with("uncertainty unknown; "),
         "{}",
         record.status.note
     );
