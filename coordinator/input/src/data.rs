@@ -71,12 +71,15 @@ pub fn check(
         accepted: &measured.accept,
     });
     let given = measured.biomarkers.unwrap_or_default();
+    // A number outside of its range is told once, and what follows from it is not.
+    let is_sound = |table: &str| !report.has_error_in(&document.file, table);
+    let aorta =
+        (measured.aortic_pressure.as_ref()).filter(|_| is_sound("measured.aortic_pressure"));
     let facts = Facts {
         cycle_ms: cycle_length.0,
         pressure: pressure.as_ref().map(|(_, trace)| trace),
         volume: volume.as_ref().map(|(_, trace)| trace),
-        aorta: (measured.aortic_pressure.as_ref())
-            .map(|aorta| [aorta.systolic_mmhg, aorta.diastolic_mmhg]),
+        aorta: aorta.map(|aorta| [aorta.systolic_mmhg, aorta.diastolic_mmhg]),
         stated_p_max: given.p_max_mmhg,
         stated_edv: measured.end_diastolic_volume_ml.or(given.edv_ml),
         stated_esv: given.esv_ml,
@@ -87,7 +90,7 @@ pub fn check(
             .forward_stroke_volume
             .as_ref()
             .map(|flow| flow.volume_ml),
-        windkessel: file.afterload,
+        windkessel: file.afterload.filter(|_| is_sound("afterload")),
         calcium: calcium.as_ref().map(|(_, trace)| trace),
     };
     // Where a trace itself is wrong, what follows from it is not told.
