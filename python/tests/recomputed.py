@@ -289,7 +289,9 @@ def weighted(measured, simulated, weights):
     Without other weights it is the cost."""
     weights = dict.fromkeys(OF_COST, 1.0) | weights
     terms = ((key, w) for key, w in weights.items() if w > 0 and measured.get(key) is not None)
-    return sum(w * (simulated[key] / measured[key] - 1 if simulated.get(key) is not None else 1) ** 2 for key, w in terms)
+    return sum(
+        w * (simulated[key] / measured[key] - 1 if simulated.get(key) is not None else 1) ** 2 for key, w in terms
+    )
 
 
 def misfit(measured, simulated, percent, samples, own, deviations, cycle):

@@ -477,7 +477,9 @@ def computing(case, name):
                 case.walls[file.parent.name.rpartition("-g")[0]] = told["provenance"]["wall_s"]
         database = sqlite3.connect(f"file:{case.folder / 'run/cardiotwin.db'}?mode=ro", uri=True)
         case.tasks = {}
-        for patient, task in database.execute("SELECT patient, task FROM steps JOIN patients ON patient_id = patients.id"):
+        for patient, task in database.execute(
+            "SELECT patient, task FROM steps JOIN patients ON patient_id = patients.id"
+        ):
             case.tasks.setdefault(patient, set()).add(task)
         database.close()
     keys = {key for key in case.walls for task in case.tasks[name] if task.startswith(key)}
@@ -493,7 +495,7 @@ def duration(seconds):
 
 def test_times_are_the_sum_of_all_outcomes(case):
     total = 0
-    for name, patient in case.shown.items():
+    for name in case.shown:
         own = computing(case, name)
         total += own
         told = re.search(r"computed in ([^<]+)<", case.section(name))[1]
