@@ -86,6 +86,9 @@ class Twin(HelpfulAttributes):
         """What the measurements say about the twin's parameters. Raises `StoreError` where the run sampled
         no posterior."""
         if not self.patient.tables["posterior"]:
+            # Asked for, but no draw could be made.
+            if why := self.patient.tables.get("without_intervals"):
+                raise StoreError(f"{self.name}: {why}")
             raise StoreError(
                 f"{self.name}: the run sampled no posterior; run the cohort with settings={{'posterior.enabled': True}}"
             )

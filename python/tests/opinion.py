@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import subprocess
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -131,6 +132,41 @@ def cohort(kind, folder):
         # 1: the verification beat fails, too
         run(*NO_DRAWS, "--set", "step3.max_iterations=0", accept=(1,))
     return folder
+
+
+class Dashboard:
+    """A dashboard that serves a cohort until it is closed."""
+
+    def __init__(self, folder, *options):
+        command = [program(), "dashboard", str(folder), *map(str, options)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        first = self.process.stdout.readline().strip()
+        assert "/?token=" in first, first
+        self.address = first.partition("/?token=")[0]
+        # The first address sets the token as a cookie, with which every other one answers.
+        cookies = urllib.request.HTTPCookieProcessor()
+        self.opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), cookies)
+        self.opener.open(first, timeout=60).close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait(timeout=60)
+        self.process.stdout.close()
+
+    def json(self, path):
+        with self.opener.open(self.address + path, timeout=120) as answer:
+            return json.load(answer)
+
+    def state(self):
+        """The first message of the stream of updates, which has all rows."""
+        with self.opener.open(self.address + "/api/live", timeout=60) as stream:
+            for line in stream:
+                if line.startswith(b"data:"):
+                    return json.loads(line[5:])
+        raise AssertionError("no message")
 
 
 def simulations(patient):

@@ -284,6 +284,16 @@ def differences(measured, simulated):
     return {key: simulated[key] / measured[key] - 1 for key in OF_COST if measured.get(key) is not None}
 
 
+def weighted(measured, simulated, weights):
+    """Step 1's weighted sum of squared relative differences; a biomarker without a simulated value counts as 1.
+    Without other weights it is the cost."""
+    weights = dict.fromkeys(OF_COST, 1.0) | weights
+    terms = ((key, w) for key, w in weights.items() if w > 0 and measured.get(key) is not None)
+    return sum(
+        w * (simulated[key] / measured[key] - 1 if simulated.get(key) is not None else 1) ** 2 for key, w in terms
+    )
+
+
 def misfit(measured, simulated, percent, samples, own, deviations, cycle):
     """Step 3's sum of squared differences over variances: of biomarkers and of the traces' forty samples."""
     total = sum(

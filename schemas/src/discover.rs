@@ -14,7 +14,7 @@ use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
 pub use cardiotwin_vocabulary::findings::{
     ComparedSignal, Confusable, Dependence, DiscoverSeries, Findings, GapAt, InThreeDimensions,
     NotIdentifiable, PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves,
-    Unexplained,
+    Unexplained, held_out_confirm,
 };
 
 /// Input of a search for missing effects.
@@ -211,6 +211,9 @@ pub struct DiscoverCase {
     pub case: String,
     /// Result in plain language.
     pub summary: String,
+    /// Whether held-out data confirm the accepted effects; absent if nothing was accepted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confirmed: Option<bool>,
     /// Key of the task that computed the result.
     pub task: String,
     /// Differences between the measured traces and the beats of the cohort's run, if the run
@@ -308,6 +311,9 @@ pub struct PooledEffect {
     pub name: String,
     /// Number of patients in whom it was accepted.
     pub accepted_in: u32,
+    /// Number of these in whom held-out data do not confirm the accepted effects.
+    #[serde(default)]
+    pub unconfirmed_in: u32,
     /// Number of patients in whom it was tried.
     pub tried_in: u32,
     /// Sum of `robust_evidence` over the patients, each limited for and against the effect; the

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::discover::SearchSettings;
+use crate::discover::{SearchSettings, held_out_confirm};
 use crate::organ::{
     EffectSpec, OneFibrePassive, TanhParameters, ValveParameters, WindkesselParameters,
 };
@@ -87,6 +87,14 @@ pub struct Acceptance {
     pub data: BTreeMap<String, String>,
     /// Evidence for each accepted effect.
     pub evidence: Vec<AcceptedEvidence>,
+}
+
+impl Acceptance {
+    /// Whether held-out data confirmed the effects.
+    #[must_use]
+    pub fn is_confirmed(&self) -> bool {
+        held_out_confirm(self.gap_heldout_before, self.gap_heldout_after)
+    }
 }
 
 /// Evidence of an accepted effect.

@@ -80,6 +80,9 @@ pub struct ResolvedPatient {
     /// Effects accepted for this patient.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<crate::organ::EffectSpec>,
+    /// Whether effects or corrections were accepted although held-out data did not confirm them.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_unconfirmed: bool,
 }
 
 impl ResolvedPatient {
@@ -349,6 +352,7 @@ impl ResolvedPatient {
             external_files: Vec::new(),
             settings: Shared::default(),
             effects: Vec::new(),
+            is_unconfirmed: false,
         }
     }
 }

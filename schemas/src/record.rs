@@ -17,7 +17,8 @@ use crate::outcome::{
 use crate::plan::ResolvedPatient;
 use crate::posterior::PosteriorResult;
 use crate::provenance::Provenance;
-use crate::status::{PatientStatus, RefusedPatient};
+use crate::settings::LastStep;
+use crate::status::{NO_INTERVALS, PatientState, PatientStatus, RefusedPatient};
 use crate::verdict::Verdict;
 
 /// Results of a cohort's run.
@@ -82,6 +83,9 @@ pub struct PatientRecord {
     /// Posterior of the twin's parameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posterior: Option<TaskRecord<PosteriorResult>>,
+    /// Failure of the posterior, which does not hold the patient: the twin has no intervals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posterior_failure: Option<Failure>,
     /// Agreement of the twin's beat with the measured biomarkers. The twin's beat is the best one
     /// of step 3 or else the verification beat; absent if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -209,6 +213,23 @@ impl PatientRecord {
         self.verdict
             .as_ref()
             .filter(|verdict| !verdict.personalised)
+    }
+
+    /// Why a finished twin has no intervals although its settings ask for them; `None` for any other
+    /// patient.
+    #[must_use]
+    pub fn without_intervals(&self) -> Option<String> {
+        let settings = &self.plan.settings;
+        let is_missing = settings.posterior.enabled
+            && settings.workflow.until == LastStep::Step3
+            && self.step3.is_some()
+            && self.posterior.is_none()
+            && self.status.state == PatientState::Done;
+        let why = || match &self.posterior_failure {
+            Some(failure) => format!("{NO_INTERVALS}: {}", failure.message),
+            None => NO_INTERVALS.to_owned(),
+        };
+        is_missing.then(why)
     }
 
     /// The beat of the personalised twin: the best beat of step 3, or else the verification beat.

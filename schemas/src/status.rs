@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 use crate::failure::FailureClass;
 use crate::verdict::OFF;
 
+/// Words for a finished twin whose posterior could not be sampled, although its settings ask for one.
+pub const NO_INTERVALS: &str = "uncertainty unknown";
+
 /// State of a patient.
 #[derive(
     Debug,

@@ -632,6 +632,7 @@ fn finished(folder: &Folder, printed: &Printed, id: &str) -> PatientRecord {
         step3_iterations: vec![],
         step3: None,
         posterior: None,
+        posterior_failure: None,
         verdict: Some(verdict),
         failure: None,
         before: None,

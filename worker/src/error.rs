@@ -228,7 +228,7 @@ pub enum TaskError {
     NoProposal(&'static str),
     /// The one-fibre ventricle has no beat with the twin's parameters or near them.
     #[error(
-        "the one-fibre ventricle has no beat near the twin's parameters, so the posterior cannot be sampled"
+        "the fast ventricle (the organ's law, or one fibre) has no beat near the twin's parameters, so the posterior cannot be sampled"
     )]
     NoPosterior,
     /// The settings of an external solver are invalid.

@@ -6,6 +6,7 @@ use cardiotwin_report::results::{
 };
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
+use cardiotwin_schemas::status::NO_INTERVALS;
 
 use super::table::{Columns, duration, number, optional, percent};
 use super::talk::{Talk, Tone};
@@ -123,6 +124,14 @@ fn verdicts(run: &RunRecord, most: usize) -> String {
     );
     if verified.len() > most {
         text.push('\n');
+        let n = run
+            .patients
+            .iter()
+            .filter(|p| p.without_intervals().is_some())
+            .count();
+        if n > 0 {
+            text.push_str(&format!("{NO_INTERVALS}: {n} of them\n"));
+        }
         return text;
     }
     if !hold.is_empty() {
@@ -135,6 +144,11 @@ fn verdicts(run: &RunRecord, most: usize) -> String {
     text.push('\n');
     for (patient, verdict) in off {
         text.push_str(&format!("{}: {verdict}\n", patient.plan.id));
+    }
+    for patient in &run.patients {
+        if let Some(why) = patient.without_intervals() {
+            text.push_str(&format!("{}: {why}\n", patient.plan.id));
+        }
     }
     text
 }
@@ -168,6 +182,7 @@ pub fn line(patient: &PatientRecord) -> String {
         });
         parts.push(format!("{name}: {}", errors.join(", ")));
     }
+    parts.extend(patient.without_intervals());
     if let Some(failure) = &patient.failure {
         parts.push(format!("[{}] {}", failure.class.as_str(), failure.message));
     }

@@ -7,6 +7,7 @@ use std::io;
 use std::path::Path;
 
 use cardiotwin_protocol::files;
+use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::organ::{OrganSpec, VALVE_PARAMETERS};
 use cardiotwin_schemas::outcome::TaskResult;
 use cardiotwin_schemas::overlay::ModelOverlay;
@@ -45,9 +46,10 @@ pub fn learned(books: &Books, i: usize) -> Result<Option<ModelOverlay>, EngineEr
         chain.step1.as_ref().map(|s| s.best_iteration),
         chain.step3.as_ref().map(|s| s.best_iteration),
     ];
+    let has_no_answer = |key: &TaskKey| chain.unanswered.iter().any(|task| task.task == *key);
     let from = chain
         .steps()
-        .filter(|(step, _)| is_foundation(*step, best))
+        .filter(|(step, key)| is_foundation(*step, best) && !has_no_answer(key))
         .map(|(step, key)| (step.stage.to_string(), key.to_string()));
     Ok(Some(ModelOverlay {
         version: 0,

@@ -68,23 +68,29 @@ pub fn check(
                 volume: Ml(flow.volume_ml),
                 sd: Ml(flow.sd_ml.unwrap_or(0.0)),
             }),
+        accepted: &measured.accept,
     });
     let given = measured.biomarkers.unwrap_or_default();
+    // A number outside of its range is told once, and what follows from it is not.
+    let is_sound = |table: &str| !report.has_error_in(&document.file, table);
+    let aorta =
+        (measured.aortic_pressure.as_ref()).filter(|_| is_sound("measured.aortic_pressure"));
     let facts = Facts {
         cycle_ms: cycle_length.0,
         pressure: pressure.as_ref().map(|(_, trace)| trace),
         volume: volume.as_ref().map(|(_, trace)| trace),
-        aorta: (measured.aortic_pressure.as_ref())
-            .map(|aorta| [aorta.systolic_mmhg, aorta.diastolic_mmhg]),
+        aorta: aorta.map(|aorta| [aorta.systolic_mmhg, aorta.diastolic_mmhg]),
         stated_p_max: given.p_max_mmhg,
         stated_edv: measured.end_diastolic_volume_ml.or(given.edv_ml),
         stated_esv: given.esv_ml,
         stated_sv: given.sv_ml,
+        stated_edp: measured.end_diastolic_pressure_mmhg,
+        diastasis_ml: (measured.diastasis.as_ref()).map(|diastasis| diastasis.volume_ml),
         forward_ml: measured
             .forward_stroke_volume
             .as_ref()
             .map(|flow| flow.volume_ml),
-        windkessel: file.afterload,
+        windkessel: file.afterload.filter(|_| is_sound("afterload")),
         calcium: calcium.as_ref().map(|(_, trace)| trace),
     };
     // Where a trace itself is wrong, what follows from it is not told.
@@ -99,6 +105,10 @@ pub fn check(
             .for_each(|problem| report.add(patient, problem));
     }
     for mut problem in problems {
+        // In a patient's file the names of accepted rules stand among the measurements.
+        if problem.key.as_deref() == Some("accept") {
+            problem.key = Some("measured.accept".to_owned());
+        }
         if problem.file == document.file
             && let Some(key) = problem.key.clone()
         {

@@ -161,6 +161,7 @@ pub(super) fn check(file: &PatientFile, folder: &Path, cycle_is_sound: bool, rep
             end_diastolic_pressure: None,
             left_atrial_pressure: None,
             forward_stroke_volume: None,
+            accepted: &measured.accept,
         });
         for problem in problems {
             report.add(patient, problem);

@@ -79,6 +79,19 @@ impl Report {
         }
     }
 
+    /// Whether an error of a value in this table of a file was reported.
+    #[must_use]
+    pub fn has_error_in(&self, file: &Path, table: &str) -> bool {
+        self.findings.iter().any(|finding| {
+            let key = finding.problem.key.as_deref().unwrap_or_default();
+            finding.problem.is_error()
+                && finding.problem.file == file
+                && key
+                    .strip_prefix(table)
+                    .is_some_and(|rest| rest.starts_with('.'))
+        })
+    }
+
     /// All findings in the order in which they were added.
     #[must_use]
     pub fn findings(&self) -> &[Finding] {

@@ -91,6 +91,7 @@ pub fn resolve(
         external_files,
         settings: settings.clone(),
         effects: Vec::new(),
+        is_unconfirmed: false,
     })
 }
 
@@ -106,6 +107,8 @@ pub fn with_overlay(mut plan: ResolvedPatient, overlay: &ModelOverlay) -> Resolv
     step0.passive_law = overlay.passive;
     step0.corrections.clone_from(&overlay.corrections);
     plan.effects.clone_from(&overlay.effects);
+    plan.is_unconfirmed =
+        (overlay.accepted.as_ref()).is_some_and(|accepted| !accepted.is_confirmed());
     plan
 }
 

@@ -209,6 +209,9 @@ pub(super) fn patient(
         verification: find(settled, chain.verification.as_ref(), organ_beat),
         verification_cost: chain.verification_cost,
         verdict: chain.verdict.clone(),
+        posterior_failure: chain
+            .unanswered(Stage::Posterior)
+            .and_then(|key| settled.get(key)?.failure()),
         step3: chain.step3,
         posterior: find(settled, chain.posterior.as_ref(), |result| match result {
             TaskResult::Posterior(r) => Some(r.as_ref().clone()),

@@ -57,6 +57,9 @@ pub struct Chain {
     /// Task of the posterior, which measures how certain the twin is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posterior: Option<TaskKey>,
+    /// Tasks to which the model had no answer, and without which the chain went on.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unanswered: Vec<ChainUnanswered>,
     /// Tasks of a no-op workflow.
     pub noops: Vec<TaskKey>,
     /// The only task of an element of a sweep.
@@ -110,6 +113,16 @@ pub struct ChainProposal {
     pub predicted_misfit: f64,
 }
 
+/// A task that failed without holding its patient: a proposal, a fit in the organ's law, or a
+/// posterior.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChainUnanswered {
+    /// Step of the task.
+    pub step: Step,
+    /// Key of the task.
+    pub task: TaskKey,
+}
+
 impl Chain {
     /// Every settled task with its step.
     pub fn steps(&self) -> impl Iterator<Item = (Step, &TaskKey)> {
@@ -153,9 +166,17 @@ impl Chain {
                 ))
             })
             .chain(proposals)
+            .chain(self.unanswered.iter().map(|task| (task.step, &task.task)))
             .collect();
         steps.sort_by_key(|(step, _)| *step);
         steps.into_iter()
+    }
+
+    /// The task of a stage to which the model had no answer.
+    #[must_use]
+    pub fn unanswered(&self, stage: Stage) -> Option<&TaskKey> {
+        let of_stage = self.unanswered.iter().find(|task| task.step.stage == stage);
+        of_stage.map(|task| &task.task)
     }
 
     /// Proposal for an iteration of step 1, from 1.

@@ -52,6 +52,41 @@ pub struct Findings {
     pub gaps: Vec<GapAt>,
 }
 
+/// Share by which the gap on held-out data must fall to confirm effects. A smaller fall may only follow
+/// the noise.
+const CONFIRMED: f64 = 0.02;
+
+/// Whether effects reduce the gap on held-out data, from `before` to `after`, where both are known.
+#[must_use]
+pub fn held_out_confirm(before: Option<f64>, after: Option<f64>) -> bool {
+    matches!((before, after), (Some(before), Some(after)) if after <= (1.0 - CONFIRMED) * before)
+}
+
+impl Findings {
+    /// Whether held-out data confirm the accepted effects; `None` if nothing was accepted.
+    #[must_use]
+    pub fn confirmed(&self) -> Option<bool> {
+        let (before, after) = (self.gap_heldout_before, self.gap_heldout_after);
+        (!self.none).then(|| held_out_confirm(before, after))
+    }
+
+    /// Why held-out data do not confirm the accepted effects, in words; `None` where they do, and
+    /// where nothing was accepted.
+    #[must_use]
+    pub fn unconfirmed(&self) -> Option<String> {
+        if self.confirmed() != Some(false) {
+            return None;
+        }
+        Some(match (self.gap_heldout_before, self.gap_heldout_after) {
+            (Some(before), Some(after)) => format!(
+                "held-out pressure and volume do not confirm it ({before:.2} without and {after:.2} with it)"
+            ),
+            _ => "held-out pressure and volume could not be predicted, so they do not confirm it"
+                .to_owned(),
+        })
+    }
+}
+
 /// A candidate in the ranking.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]

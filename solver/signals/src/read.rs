@@ -396,11 +396,15 @@ impl Parser<'_> {
             Ok(_) => (Kind::NotFinite, format!("`{cell}`")),
             Err(_) => (Kind::NotANumber, format!("`{cell}`")),
         };
+        let is_grouped = cell.contains(|c: char| ",'’ \u{a0}\u{202f}".contains(c))
+            && cell.starts_with(|c: char| c.is_ascii_digit() || c == '-');
         let problem = Problem::error(
             self.file,
             found,
             format!("a finite number in {unit}"),
-            if self.origin == Origin::Patient {
+            if is_grouped {
+                "write the number with a decimal point and without thousands separators"
+            } else if self.origin == Origin::Patient {
                 "remove the line or fill in what was measured; a few lost samples are bridged, a longer gap is reported"
             } else {
                 "remove the line or fill in what was measured"

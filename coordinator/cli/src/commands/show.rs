@@ -12,7 +12,7 @@ use cardiotwin_schemas::organ::BeatCount;
 use cardiotwin_schemas::organ_law::LawError;
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
 use cardiotwin_schemas::record::{IterationRecord, PatientRecord};
-use cardiotwin_schemas::settings::{LastStep, Update};
+use cardiotwin_schemas::settings::Update;
 use cardiotwin_schemas::status::PatientState;
 use cardiotwin_schemas::step1::Step1Parameter;
 use cardiotwin_schemas::task::OrganBeatSpec;
@@ -554,16 +554,9 @@ fn organ_law(record: &PatientRecord) -> String {
 /// Why a finished twin has no intervals although its settings ask for them. The task's failure does not fail the
 /// patient, so that nothing else says it.
 fn without_posterior(record: &PatientRecord) -> String {
-    let settings = &record.plan.settings;
-    let is_missing = settings.posterior.enabled
-        && settings.workflow.until == LastStep::Step3
-        && record.step3.is_some()
-        && record.status.state == PatientState::Done;
-    if !is_missing {
-        return String::new();
-    }
-    "uncertainty: unknown, because the posterior found no beat near the twin's parameters; `predict` gives no intervals\n\n"
-        .to_owned()
+    record.without_intervals().map_or_else(String::new, |why| {
+        format!("{why}; `predict` gives no intervals\n\n")
+    })
 }
 
 /// Table of the twin's uncertainty: 90 % intervals of parameters and biomarkers.

@@ -3,7 +3,7 @@
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::plan::Workflow;
 use cardiotwin_schemas::record::{Step1Quality, Step1Summary};
-use cardiotwin_schemas::status::{PatientState, PatientStatus};
+use cardiotwin_schemas::status::{NO_INTERVALS, PatientState, PatientStatus};
 use cardiotwin_store::clock;
 use cardiotwin_workflow::attempt::Attempt;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
@@ -87,6 +87,10 @@ impl Books {
                     }
                     (None, None) => String::new(),
                 };
+                if self.has_no_intervals(i) {
+                    // First, because a narrow table cuts long notes off.
+                    shown.note = format!("{NO_INTERVALS}; {}", shown.note);
+                }
             }
             Patient::Failed { step, failure } => {
                 shown.failure_class = Some(failure.class);
@@ -105,6 +109,17 @@ impl Books {
             }
         }
         shown
+    }
+
+    /// Whether a finished patient's settings ask for a posterior, which could not be sampled.
+    fn has_no_intervals(&self, i: usize) -> bool {
+        let chain = &self.patients[i].chain;
+        // Only a twin of step 3 has a posterior.
+        chain.step3.is_some()
+            && chain.posterior.is_none()
+            && self
+                .plan(i)
+                .is_ok_and(|plan| plan.settings.posterior.enabled)
     }
 
     /// State of a patient with a wanted task, and a note.

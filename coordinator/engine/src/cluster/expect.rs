@@ -6,6 +6,7 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity, LastStep, Update};
 use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_workflow::chain::Chain;
+use cardiotwin_workflow::patient::Stage;
 use cardiotwin_workflow::task::Task;
 
 use super::mesh_size::MeshSizes;
@@ -166,7 +167,10 @@ pub fn rest(plan: &ResolvedPatient, chain: &Chain) -> Vec<(&'static str, usize)>
                 (
                     "posterior",
                     usize::from(
-                        is_wanted && settings.posterior.enabled && chain.posterior.is_none(),
+                        is_wanted
+                            && settings.posterior.enabled
+                            && chain.posterior.is_none()
+                            && chain.unanswered(Stage::Posterior).is_none(),
                     ),
                 ),
                 ("step1-proposal", if proposes { iterations } else { 0 }),

@@ -236,6 +236,48 @@ async fn the_whole_chain_is_walked_once_and_leaves_record_and_overlay() {
 }
 
 #[tokio::test]
+async fn a_posterior_that_cannot_be_sampled_holds_nobody_and_is_said() {
+    let bench = Bench::new(vec![personalised("P1", 8.0), personalised("P2", 9.0)]);
+    bench.script(|s| s.has_no_answer = Some("posterior"));
+    let (summary, submitted) = bench.run().await;
+    assert_eq!((summary.done, summary.failed), (2, 0));
+    assert_eq!(
+        submitted
+            .iter()
+            .filter(|kind| **kind == "posterior")
+            .count(),
+        2
+    );
+    let record = bench.patient("P1").await;
+    assert!(record.posterior.is_none());
+    assert_eq!(
+        record.without_intervals().as_deref(),
+        Some("uncertainty unknown: no answer, as the test asks")
+    );
+    assert!(
+        record.status.note.starts_with("uncertainty unknown; "),
+        "{}",
+        record.status.note
+    );
+    // The model of the next run rests on tasks with results alone.
+    let overlay = bench.overlay("P1", "model.toml");
+    assert!(!overlay.from.contains_key("posterior") && overlay.from.contains_key("verification"));
+    let (again, submitted) = bench.run().await;
+    assert!(again.nothing_to_do() && submitted.is_empty());
+    // A patient with intervals, or without a wish for them, is not told of.
+    bench.script(|s| s.has_no_answer = None);
+    let sound = Bench::new(vec![personalised("P1", 8.0)]);
+    sound.run().await;
+    let record = sound.patient("P1").await;
+    assert_eq!(record.without_intervals(), None);
+    assert!(
+        !record.status.note.contains("uncertainty"),
+        "{}",
+        record.status.note
+    );
+}
+
+#[tokio::test]
 async fn space_mapping_asks_for_a_proposal_before_each_simulation_and_goes_on_after_one_that_fails()
 {
     let mut patient = personalised("P1", 8.0);

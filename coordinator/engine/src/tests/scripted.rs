@@ -54,6 +54,8 @@ pub struct Script {
     pub leaves_files: bool,
     /// Tasks of this kind fail with wrong input.
     pub refuses: Option<&'static str>,
+    /// The model has no answer to tasks of this kind.
+    pub has_no_answer: Option<&'static str>,
     /// Number of nodes of the finite-element ventricle that step 0 makes; `None` makes a reduced
     /// ventricle.
     pub nodes: Option<u64>,
@@ -254,6 +256,11 @@ impl Script {
         if self.refuses == Some(task.kind()) {
             return Ending::Failed {
                 failure: Failure::new(FailureClass::Input, "refused as the test asks"),
+            };
+        }
+        if self.has_no_answer == Some(task.kind()) {
+            return Ending::Failed {
+                failure: Failure::new(FailureClass::Numerics, "no answer, as the test asks"),
             };
         }
         let result = match task {

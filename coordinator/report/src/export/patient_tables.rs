@@ -30,6 +30,8 @@ pub struct PatientTables {
     pub parameters: Vec<ParameterRow>,
     /// A row for each parameter of the posterior.
     pub posterior: Vec<PosteriorRow>,
+    /// Why a finished twin has no posterior although the settings ask for one.
+    pub without_intervals: Option<String>,
     /// Draws of the posterior, by draw, in the order of `posterior`.
     pub draws: Vec<Vec<f64>>,
     /// Measured and simulated traces.
@@ -131,6 +133,7 @@ impl PatientTables {
                     mark: spread.mark,
                 })
                 .collect(),
+            without_intervals: record.without_intervals(),
             draws: posterior.map_or_else(Vec::new, |p| p.draws.clone()),
             traces: signals
                 .all

@@ -195,6 +195,9 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
     if let Some(verdict) = patient.off() {
         notes.push(("warn", html! { (verdict) ": outside of its tolerances." }));
     }
+    if let Some(why) = patient.without_intervals() {
+        notes.push(("warn", html! { (why) "." }));
+    }
     for iteration in &patient.iterations {
         if let Some(failure) = &iteration.failure {
             notes.push((

@@ -18,11 +18,16 @@ const PICTURE: (f64, f64) = (160.0, 14.0);
 /// Absolute correlation from which a pair of parameters is listed.
 const STRONG: f64 = 0.7;
 
-/// The part of a patient's section; empty if the posterior was not sampled.
+/// The part of a patient's section; empty if no posterior was asked for.
 #[must_use]
 pub fn part(patient: &PatientRecord, signals: &Signals) -> Markup {
     let Some(task) = &patient.posterior else {
-        return Markup::default();
+        return html! {
+            @if let Some(why) = patient.without_intervals() {
+                h3 { "Uncertainty" }
+                p.absent { "No intervals: " (why) "." }
+            }
+        };
     };
     let result = &task.result;
     let none = Markup::default();

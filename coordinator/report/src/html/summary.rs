@@ -43,6 +43,7 @@ fn reasons(patient: &PatientRecord) -> Vec<String> {
     if let Some(verdict) = patient.off() {
         found.push(verdict.to_string());
     }
+    found.extend(patient.without_intervals());
     if let Some(summary) = &patient.step1
         && let Step1Quality::Stalled { reason } = summary.quality
     {

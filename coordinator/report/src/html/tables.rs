@@ -313,7 +313,7 @@ pub fn passive_and_loads(patient: &PatientRecord) -> Option<Markup> {
                     }
                 }
                 @for effect in &load.effects {
-                    tr { th scope="row" { "effect: " (effect.name) } td.num {} td.unit {} td.flag { "accepted" } }
+                    tr { th scope="row" { "effect: " (effect.name) } td.num {} td.unit {} td.flag { "accepted" @if patient.plan.is_unconfirmed { ", not confirmed on held-out data" } } }
                 }
             }
         }

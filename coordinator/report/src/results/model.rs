@@ -75,7 +75,10 @@ impl Model {
                 CalciumSource::Rice => "Land 2017 with Rice's calcium",
                 CalciumSource::MedianTrace => "Land 2017 with a given calcium trace",
             },
-            effects: effects.join(", "),
+            effects: match (effects.is_empty(), patient.plan.is_unconfirmed) {
+                (false, true) => format!("{} (not confirmed on held-out data)", effects.join(", ")),
+                _ => effects.join(", "),
+            },
             nodes,
         }
     }

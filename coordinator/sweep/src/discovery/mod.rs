@@ -26,6 +26,7 @@ pub fn case(patient: &str, task: &str, found: &Discovered) -> DiscoverCase {
         schema_version: DISCOVER_CASE.version,
         case: patient.to_owned(),
         summary: paragraph::summary(found),
+        confirmed: found.findings.confirmed(),
         task: task.to_owned(),
         run: None,
         finite_element: None,

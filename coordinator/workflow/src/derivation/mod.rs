@@ -26,7 +26,7 @@ use cardiotwin_schemas::settings::LastStep;
 use cardiotwin_schemas::task::{CellInOrgan, InputFile, NoopSpec, Step1Beat, TaskSpec};
 
 use crate::cell_fit;
-use crate::chain::Chain;
+use crate::chain::{Chain, ChainUnanswered};
 use crate::patient::{Stage, Step};
 
 pub use crate::stream::stream;
@@ -240,7 +240,24 @@ impl<'a> Derivation<'a, '_> {
 
     /// Result of a task, if it is published. Otherwise the derivation ends here.
     fn result(&self, step: Step, spec: TaskSpec) -> Derived<Published<'a>> {
+        self.result_of(step, spec.key(), spec)
+    }
+
+    /// Result of a task without which the chain goes on: `None` if the model has no answer to it.
+    fn if_computable(&mut self, step: Step, spec: TaskSpec) -> Derived<Option<Published<'a>>> {
         let key = spec.key();
+        match self.result_of(step, key.clone(), spec) {
+            Ok(done) => Ok(Some(done)),
+            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
+                let unanswered = ChainUnanswered { step, task: key };
+                self.chain.unanswered.push(unanswered);
+                Ok(None)
+            }
+            Err(next) => Err(next),
+        }
+    }
+
+    fn result_of(&self, step: Step, key: TaskKey, spec: TaskSpec) -> Derived<Published<'a>> {
         match (self.settled)(&key) {
             Some(Settled::Published {
                 result,

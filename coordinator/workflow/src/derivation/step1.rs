@@ -184,12 +184,8 @@ impl<'a> Derivation<'a, '_> {
         let told = told.collect();
         let law = self.law_of_step1(step0, runs);
         let spec = self.plan.step1_proposal_spec(step0, start, told, law);
-        let done = match self.result(step, TaskSpec::Step1Proposal(Box::new(spec))) {
-            Ok(done) => done,
-            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
-                return Ok(None);
-            }
-            Err(next) => return Err(next),
+        let Some(done) = self.if_computable(step, TaskSpec::Step1Proposal(Box::new(spec)))? else {
+            return Ok(None);
         };
         let TaskResult::Step1Proposal(result) = done.result else {
             return Err(wrong_kind(step, done.result));

@@ -10,7 +10,7 @@ use cardiotwin_schemas::record::{Step3Ending, Step3Summary};
 use cardiotwin_schemas::settings::LastStep;
 use cardiotwin_schemas::task::{CellInOrgan, TaskSpec};
 
-use super::{Derivation, Derived, Next, broken, wrong_kind};
+use super::{Derivation, Derived, broken, wrong_kind};
 use crate::chain::{ChainProposal, Step3ChainIteration};
 use crate::organ_fit;
 use crate::patient::{Stage, Step};
@@ -95,13 +95,9 @@ impl<'a> Derivation<'a, '_> {
         }
         let spec = self.plan.step3_proposal_spec(step0, &cell, Vec::new(), &[]);
         let step = Step::only(Stage::Step2Organ);
-        let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
-            Ok(done) => done,
+        let Some(done) = self.if_computable(step, TaskSpec::Step3Proposal(Box::new(spec)))? else {
             // No cell has a beat in the law; the one of the spring may have one in the organ.
-            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
-                return Ok(cell);
-            }
-            Err(next) => return Err(next),
+            return Ok(cell);
         };
         let TaskResult::Step3Proposal(result) = done.result else {
             return Err(wrong_kind(step, done.result));
@@ -144,11 +140,8 @@ impl<'a> Derivation<'a, '_> {
             law.as_slice(),
         );
         let step = Step::only(Stage::Posterior);
-        match self.result(step, TaskSpec::Posterior(Box::new(spec))) {
-            Ok(done) => self.chain.posterior = Some(done.key),
-            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {}
-            Err(next) => return Err(next),
-        }
+        let done = self.if_computable(step, TaskSpec::Posterior(Box::new(spec)))?;
+        self.chain.posterior = done.map(|done| done.key);
         Ok(())
     }
 
@@ -167,12 +160,8 @@ impl<'a> Derivation<'a, '_> {
         let runs = beats.iter().map(organ_fit::Beat::told).collect();
         let law: Vec<LawSamples> = beats.iter().filter_map(|beat| beat.law.clone()).collect();
         let spec = self.plan.step3_proposal_spec(step0, cell, runs, &law);
-        let done = match self.result(step, TaskSpec::Step3Proposal(Box::new(spec))) {
-            Ok(done) => done,
-            Err(Next::Failed { failure, .. }) if failure.class == FailureClass::Numerics => {
-                return Ok(None);
-            }
-            Err(next) => return Err(next),
+        let Some(done) = self.if_computable(step, TaskSpec::Step3Proposal(Box::new(spec)))? else {
+            return Ok(None);
         };
         let TaskResult::Step3Proposal(result) = done.result else {
             return Err(wrong_kind(step, done.result));

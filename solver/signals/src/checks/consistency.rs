@@ -27,6 +27,10 @@ pub struct Facts<'a> {
     pub stated_esv: Option<f64>,
     /// Stated stroke volume \[mL\].
     pub stated_sv: Option<f64>,
+    /// Stated end-diastolic pressure \[mmHg\].
+    pub stated_edp: Option<f64>,
+    /// Volume at diastasis \[mL\].
+    pub diastasis_ml: Option<f64>,
     /// Net forward volume of a beat \[mL\].
     pub forward_ml: Option<f64>,
     /// Parameters of the Windkessel.
@@ -77,6 +81,13 @@ const RESISTANCE: [f64; 2] = [1.8, 4.0];
 /// The same of the compliance and stroke volume over pulse pressure, which lies above it by up to 3.
 const COMPLIANCE: [f64; 2] = [5.0, 20.0];
 
+/// Mean pressure of the aorta over the ventricle's largest pressure, where the aorta's was not measured;
+/// it is 0.78 for 120 over 80 mmHg, and 0.45 to 0.9 with a stenosis or a stiff aorta.
+const MEAN_OVER_PEAK: f64 = 0.75;
+/// Pulse pressure of the aorta over the ventricle's largest pressure, where the aorta's was not
+/// measured; 0.33 for 120 over 80 mmHg.
+const PULSE_OVER_PEAK: f64 = 0.35;
+
 /// Peaks of a calcium transient that are doubtful outside, and that are an error outside \[µM\]. Usual
 /// ones reach 0.3 to 3 µM; a thousandth or a thousandfold of that is another unit.
 const CALCIUM_PEAK_UM: [[f64; 2]; 2] = [[0.1, 10.0], [0.02, 20.0]];
@@ -85,13 +96,20 @@ const CALCIUM_PEAK_UM: [[f64; 2]; 2] = [[0.1, 10.0], [0.02, 20.0]];
 const CALCIUM_REST_UM: f64 = 0.6;
 
 /// All rules.
-pub const RULES: [Rule; 11] = [
+pub const RULES: [Rule; 13] = [
     Rule {
         name: "ventricle-below-aorta",
         expected: "a ventricle that reaches the aorta's pressure in systole",
         remedy: "one of the two has a wrong unit, scale or zero, or is of another time",
         key: "measured.aortic_pressure",
         test: ventricle_below_aorta,
+    },
+    Rule {
+        name: "aorta-below-filling",
+        expected: "an aorta whose diastolic pressure lies above the ventricle's at the beat's begin",
+        remedy: "the closed aortic valve needs it: one of the two has a wrong unit, scale or zero, or the beat begins in systole",
+        key: "measured.aortic_pressure",
+        test: aorta_below_filling,
     },
     Rule {
         name: "clipped",
@@ -155,6 +173,13 @@ pub const RULES: [Rule; 11] = [
         test: |facts| volumes(facts.stated_sv, stroke_of_trace(facts), "SV"),
     },
     Rule {
+        name: "diastasis-volume",
+        expected: "a volume of diastasis between end-systole and end-diastole",
+        remedy: "correct the volume or its unit, or check the scale of the trace",
+        key: "measured.diastasis",
+        test: diastasis_volume,
+    },
+    Rule {
         name: "resistance",
         expected: "R1 + R2 near mean aortic pressure over mean flow",
         remedy: "check the units: mmHg s/mL is 1333 dyn s/cm5, kPa s/mL is 7.5 of it, and flow is mL/s, not L/min",
@@ -177,14 +202,19 @@ pub const RULES: [Rule; 11] = [
     },
 ];
 
+/// Names with which the comparisons of [`super::check`] are accepted.
+pub const COMPARISONS: [&str; 3] = ["end-diastolic-pressure", "forward-volume", "ejection"];
+
 /// All rules that the facts break, as problems of `file`, but for those that are accepted. A name in
 /// `accepted` that no rule has is an error.
 #[must_use]
 pub fn contradictions(facts: &Facts<'_>, accepted: &[String], file: &Path) -> Vec<Problem> {
     let mut problems = Vec::new();
     for name in accepted {
-        if !RULES.iter().any(|rule| rule.name == name) {
-            let names: Vec<&str> = RULES.iter().map(|rule| rule.name).collect();
+        let names: Vec<&str> = (RULES.iter().map(|rule| rule.name))
+            .chain(COMPARISONS)
+            .collect();
+        if !names.contains(&name.as_str()) {
             let problem = Problem::error(
                 file,
                 format!("{name:?}"),
@@ -254,6 +284,19 @@ fn ventricle_below_aorta(facts: &Facts<'_>) -> Verdict {
     } else {
         Holds
     }
+}
+
+fn aorta_below_filling(facts: &Facts<'_>) -> Verdict {
+    let begin = facts.stated_edp.or(facts.pressure.map(|p| p.at(0.0)));
+    let (Some(begin), Some([_, diastolic])) = (begin, facts.aorta) else {
+        return Holds;
+    };
+    if begin < diastolic {
+        return Holds;
+    }
+    Broken(format!(
+        "{begin:.1} mmHg in the ventricle at the beat's begin, and {diastolic:.1} mmHg in the aorta in diastole"
+    ))
 }
 
 /// Share of the width of the peak five percent below its top that half a percent has.
@@ -374,6 +417,42 @@ fn volumes(stated: Option<f64>, seen: Option<f64>, name: &str) -> Verdict {
     )
 }
 
+fn diastasis_volume(facts: &Facts<'_>) -> Verdict {
+    let trace = facts.volume.map(extremes);
+    let most = trace.map(|[_, high]| high).or(facts.stated_edv);
+    let least = trace.map(|[low, _]| low).or(facts.stated_esv);
+    let Some(volume) = facts.diastasis_ml else {
+        return Holds;
+    };
+    let above = most.map_or(0.0, |most| volume / most - 1.0);
+    let below = least.map_or(0.0, |least| 1.0 - volume / least);
+    let ml = |volume: Option<f64>| volume.map_or("?".to_owned(), |volume| format!("{volume:.1}"));
+    graded(
+        above.max(below),
+        VOLUMES,
+        format!(
+            "{volume:.1} mL at diastasis, and {} to {} mL over the beat",
+            ml(least),
+            ml(most)
+        ),
+    )
+}
+
+/// Mean and pulse pressure of the aorta \[mmHg\]: measured, or else estimated from the ventricle's largest
+/// pressure, and from what they come.
+fn aortic_pressures(facts: &Facts<'_>) -> Option<(f64, f64, &'static str)> {
+    if let Some([systolic, diastolic]) = facts.aorta {
+        let pulse = systolic - diastolic;
+        return Some((diastolic + pulse / 3.0, pulse, ""));
+    }
+    let most = facts
+        .pressure
+        .map(|p| extremes(p)[1])
+        .or(facts.stated_p_max)?;
+    let origin = " (estimated from the ventricle's largest pressure)";
+    Some((MEAN_OVER_PEAK * most, PULSE_OVER_PEAK * most, origin))
+}
+
 /// The volume that a beat ejects, from what is known best.
 fn ejected(facts: &Facts<'_>) -> Option<f64> {
     facts
@@ -383,12 +462,11 @@ fn ejected(facts: &Facts<'_>) -> Option<f64> {
 }
 
 fn resistance(facts: &Facts<'_>) -> Verdict {
-    let (Some(load), Some([systolic, diastolic]), Some(sv)) =
-        (facts.windkessel, facts.aorta, ejected(facts))
+    let (Some(load), Some((mean, _, origin)), Some(sv)) =
+        (facts.windkessel, aortic_pressures(facts), ejected(facts))
     else {
         return Holds;
     };
-    let mean = diastolic + (systolic - diastolic) / 3.0;
     let flow = sv / (1e-3 * facts.cycle_ms);
     if flow <= 0.0 {
         return Broken(format!("a mean flow of {flow:.1} mL/s"));
@@ -400,25 +478,24 @@ fn resistance(facts: &Facts<'_>) -> Verdict {
         (stated / expected).max(expected / stated),
         RESISTANCE,
         format!(
-            "R1 + R2 = {stated:.3} mmHg s/mL, where {mean:.0} mmHg over {flow:.0} mL/s are {expected:.3}"
+            "R1 + R2 = {stated:.3} mmHg s/mL, where {mean:.0} mmHg over {flow:.0} mL/s are {expected:.3}{origin}"
         ),
     )
 }
 
 fn compliance(facts: &Facts<'_>) -> Verdict {
-    let (Some(load), Some([systolic, diastolic]), Some(sv)) =
-        (facts.windkessel, facts.aorta, ejected(facts))
+    let (Some(load), Some((_, pulse, origin)), Some(sv)) =
+        (facts.windkessel, aortic_pressures(facts), ejected(facts))
     else {
         return Holds;
     };
     let c = load.compliance_ml_per_mmhg;
-    let expected = sv / (systolic - diastolic).max(1.0);
+    let expected = sv / pulse.max(1.0);
     graded(
         (c / expected).max(expected / c),
         COMPLIANCE,
         format!(
-            "C = {c:.3} mL/mmHg, where {sv:.0} mL over {:.0} mmHg are {expected:.3}",
-            systolic - diastolic
+            "C = {c:.3} mL/mmHg, where {sv:.0} mL over {pulse:.0} mmHg are {expected:.3}{origin}"
         ),
     )
 }
@@ -529,10 +606,18 @@ mod tests {
             stated_edv: Some(134.0),
             stated_esv: Some(66.0),
             stated_sv: Some(69.0),
+            stated_edp: Some(9.0),
+            diastasis_ml: Some(115.0),
             forward_ml: Some(70.0),
             windkessel: Some(windkessel([0.05, 0.95, 1.5])),
         };
         assert_eq!(told(&facts, &[]), Vec::<String>::new());
+        let no_aorta = Facts {
+            aorta: None,
+            ..facts
+        };
+        assert_eq!(told(&no_aorta, &[]), Vec::<String>::new());
+        assert_eq!(told(&facts, &COMPARISONS), Vec::<String>::new());
         for (name, broken, severity) in [
             (
                 "ventricle-below-aorta",
@@ -541,6 +626,50 @@ mod tests {
                     ..facts
                 },
                 "error",
+            ),
+            (
+                "aorta-below-filling",
+                Facts {
+                    aorta: Some([118.0, 7.0]),
+                    windkessel: None,
+                    ..facts
+                },
+                "error",
+            ),
+            (
+                "diastasis-volume",
+                Facts {
+                    diastasis_ml: Some(150.0),
+                    ..facts
+                },
+                "warning",
+            ),
+            (
+                "diastasis-volume",
+                Facts {
+                    diastasis_ml: Some(0.115),
+                    ..facts
+                },
+                "error",
+            ),
+            // Without the aorta's pressure: Wood units, and mL/kPa.
+            (
+                "resistance",
+                Facts {
+                    aorta: None,
+                    windkessel: Some(windkessel([0.8, 15.0, 1.5])),
+                    ..facts
+                },
+                "error",
+            ),
+            (
+                "compliance",
+                Facts {
+                    aorta: None,
+                    windkessel: Some(windkessel([0.05, 0.95, 11.0])),
+                    ..facts
+                },
+                "warning",
             ),
             (
                 "clipped",

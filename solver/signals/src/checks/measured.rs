@@ -1,6 +1,6 @@
 //! Measurements of one patient, as the checks take them.
 
-use crate::Trace;
+use crate::{Problem, Trace};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use std::path::Path;
 
@@ -40,6 +40,23 @@ pub struct Measured<'a> {
     /// Volume per beat that leaves through the aorta, from the key
     /// `measured.forward_stroke_volume`.
     pub forward_stroke_volume: Option<MeasuredVolume>,
+    /// Names of rules whose findings the patient's file accepts.
+    pub accepted: &'a [String],
+}
+
+impl Measured<'_> {
+    /// Adds a problem of a rule, unless its findings are accepted.
+    pub(super) fn tell(&self, rule: &str, mut problem: Problem, problems: &mut Vec<Problem>) {
+        if !self.accepts(rule) {
+            problem.remedy += &format!("; if it is right, accept = [{rule:?}]");
+            problems.push(problem);
+        }
+    }
+
+    /// Whether the findings of a rule are accepted.
+    pub(super) fn accepts(&self, rule: &str) -> bool {
+        self.accepted.iter().any(|name| name == rule)
+    }
 }
 
 /// Largest and smallest value.

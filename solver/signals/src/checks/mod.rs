@@ -18,7 +18,7 @@ use crate::Problem;
 use cardiotwin_units::Ms;
 use measured::extremes;
 
-pub use consistency::{Facts, RULES, Rule, contradictions};
+pub use consistency::{COMPARISONS, Facts, RULES, Rule, contradictions};
 pub use further::check_further;
 pub use measured::{Measured, MeasuredVolume, Source};
 

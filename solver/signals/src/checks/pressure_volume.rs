@@ -1,8 +1,13 @@
 //! Do pressure, volume and the single numbers of the patient's file belong together?
 
+use super::consistency::COMPARISONS;
 use super::measured::{Measured, Source, extremes};
 use crate::{BeatBiomarkers, Continuation, Problem};
 
+/// Names with which a patient's file accepts what the comparisons find.
+const EDP: &str = COMPARISONS[0];
+const FORWARD: &str = COMPARISONS[1];
+const EJECTION: &str = COMPARISONS[2];
 /// End-diastolic pressure may differ from the trace at time zero by so much, mmHg, and more is an error.
 const EDP_MMHG: [f64; 2] = [4.0, 20.0];
 /// Delay of ejection after the rise of pressure to half its amplitude, ms, outside which the two look misaligned.
@@ -17,7 +22,7 @@ pub(super) fn check(measured: &Measured, problems: &mut Vec<Problem>) {
     let periodic = Continuation::periodic(measured.cycle_length);
     if measured
         .pressure
-        .is_some_and(|p| !begins_in_diastole(p, problems))
+        .is_some_and(|p| !begins_in_diastole(measured, p, problems))
     {
         return;
     }
@@ -28,7 +33,7 @@ pub(super) fn check(measured: &Measured, problems: &mut Vec<Problem>) {
     let Ok(b) = BeatBiomarkers::of(Some(p.trace), Some(v.trace), periodic) else {
         return;
     };
-    order(&b, p, v, measured.cycle_length.0, problems);
+    order(measured, &b, p, v, problems);
 }
 
 /// Checks of the single numbers against each other and against the traces' values.
@@ -49,7 +54,8 @@ pub(super) fn check_numbers(measured: &Measured, problems: &mut Vec<Problem>) {
             } else {
                 Problem::warning(measured.patient_file, found, expected, remedy)
             };
-            problems.push(problem.at_key("measured.end_diastolic_pressure_mmHg"));
+            let problem = problem.at_key("measured.end_diastolic_pressure_mmHg");
+            measured.tell(EDP, problem, problems);
         }
     }
     atrial_pressure(measured, problems);
@@ -101,7 +107,8 @@ fn stroke_volume(measured: &Measured, problems: &mut Vec<Problem>) {
     if !STROKE_RATIO.contains(&(stroke / forward.volume.0)) {
         let expected = "two volumes of the same beat";
         let remedy = "one of the two has a wrong unit or belongs to another patient";
-        problems.push(Problem::error(measured.patient_file, found, expected, remedy).at_key(key));
+        let problem = Problem::error(measured.patient_file, found, expected, remedy).at_key(key);
+        measured.tell(FORWARD, problem, problems);
         return;
     }
     let uncertainty = 2.0 * (forward.sd.0.powi(2) + (STROKE_SD * stroke).powi(2)).sqrt();
@@ -112,11 +119,12 @@ fn stroke_volume(measured: &Measured, problems: &mut Vec<Problem>) {
         } else {
             "no ventricle ejects less than flows in its aorta: check the scale of the volumes"
         };
-        problems.push(Problem::warning(measured.patient_file, found, expected, remedy).at_key(key));
+        let problem = Problem::warning(measured.patient_file, found, expected, remedy).at_key(key);
+        measured.tell(FORWARD, problem, problems);
     }
 }
 
-fn begins_in_diastole(source: Source, problems: &mut Vec<Problem>) -> bool {
+fn begins_in_diastole(measured: &Measured, source: Source, problems: &mut Vec<Problem>) -> bool {
     let (max, min) = extremes(source.trace);
     let at_zero = source.trace.at(0.0);
     let in_diastole = at_zero <= min + 0.5 * (max - min);
@@ -127,14 +135,21 @@ fn begins_in_diastole(source: Source, problems: &mut Vec<Problem>) -> bool {
             "a beat that begins in diastole, before the pressure rises",
             "shift the trace so that time 0 is the R wave, some 30 ms before the pressure rises",
         );
-        problems.push(problem.at_key("time_ms"));
+        measured.tell("beat-begin", problem.at_key("time_ms"), problems);
     }
     in_diastole
 }
 
 /// Ejection must follow the pressure's rise. Half of the amplitude stands for rise and fall: the 10 % level may lie below
 /// the end-diastolic pressure, and then is crossed somewhere in diastole.
-fn order(b: &BeatBiomarkers, p: Source, v: Source, cycle_length: f64, problems: &mut Vec<Problem>) {
+fn order(
+    measured: &Measured,
+    b: &BeatBiomarkers,
+    p: Source,
+    v: Source,
+    problems: &mut Vec<Problem>,
+) {
+    let cycle_length = measured.cycle_length.0;
     let (max, min) = extremes(p.trace);
     let high = |v: &f64| *v > 0.5 * (min + max);
     let (times, values) = (p.trace.time_ms(), p.trace.values());
@@ -150,12 +165,16 @@ fn order(b: &BeatBiomarkers, p: Source, v: Source, cycle_length: f64, problems: 
     let (before, after) = (volume_at(rise), volume_at(fall));
     let stroke = b.values.sv_ml.unwrap_or(0.0);
     if after > before - 0.25 * stroke {
-        problems.push(Problem::error(
+        let problem = Problem::error(
             v.file,
-            format!("{before:.1} mL as the pressure in {} rises, and {after:.1} mL as it falls", p.file.display()),
+            format!(
+                "{before:.1} mL as the pressure in {} rises, and {after:.1} mL as it falls",
+                p.file.display()
+            ),
             "a volume that is ejected in between",
             "pressure and volume are shifted against each other, or do not belong together: synchronise them by the R wave",
-        ));
+        );
+        measured.tell(EJECTION, problem, problems);
         return;
     }
     let Some(begin) = ejection_begin(b, v, t5, cycle_length) else {
@@ -163,14 +182,19 @@ fn order(b: &BeatBiomarkers, p: Source, v: Source, cycle_length: f64, problems: 
     };
     let delay = (begin - rise + 0.5 * cycle_length).rem_euclid(cycle_length) - 0.5 * cycle_length;
     if !EJECTION_DELAY_MS.contains(&delay) {
-        problems.push(Problem::warning(
+        let problem = Problem::warning(
             v.file,
             format!(
                 "a tenth of the stroke volume ejected {delay:.0} ms after the rise of pressure to half its amplitude"
             ),
-            format!("{} to {} ms", EJECTION_DELAY_MS.start(), EJECTION_DELAY_MS.end()),
+            format!(
+                "{} to {} ms",
+                EJECTION_DELAY_MS.start(),
+                EJECTION_DELAY_MS.end()
+            ),
             "pressure and volume look shifted against each other: synchronise them by the R wave",
-        ));
+        );
+        measured.tell(EJECTION, problem, problems);
     }
 }
 

@@ -29,6 +29,7 @@ struct Patient {
     edp: f64,
     atrial: f64,
     forward: f64,
+    accepted: Vec<String>,
 }
 
 fn sample(step: f64, length: f64, f: impl Fn(f64) -> f64) -> (f64, Vec<f64>) {
@@ -49,6 +50,7 @@ impl Default for Patient {
             edp: 8.0,
             atrial: 6.0,
             forward: 74.0,
+            accepted: Vec::new(),
         }
     }
 }
@@ -76,6 +78,7 @@ impl Patient {
                 volume: Ml(self.forward),
                 sd: Ml(5.0),
             }),
+            accepted: &self.accepted,
         })
     }
 
@@ -401,6 +404,77 @@ fn stroke_volume_against_forward_stroke_volume() {
         .only()
         .is_error()
     );
+}
+
+#[test]
+fn each_comparison_can_be_accepted_by_its_name() {
+    let rolled = |shift: f64| {
+        (
+            sample(1.0, CYCLE_MS, |t| {
+                pressure_at((t + shift).rem_euclid(CYCLE_MS))
+            }),
+            sample(CYCLE_MS / 30.0, CYCLE_MS, |t| {
+                volume_at((t + shift).rem_euclid(CYCLE_MS))
+            }),
+        )
+    };
+    let (pressure, volume) = rolled(180.0);
+    let (_, late) = rolled(400.0);
+    for (rule, patient) in [
+        (
+            "end-diastolic-pressure",
+            Patient {
+                edp: 40.0,
+                ..Patient::default()
+            },
+        ),
+        (
+            "end-diastolic-pressure",
+            Patient {
+                edp: 14.0,
+                ..Patient::default()
+            },
+        ),
+        (
+            "forward-volume",
+            Patient {
+                forward: 0.074,
+                ..Patient::default()
+            },
+        ),
+        (
+            "forward-volume",
+            Patient {
+                forward: 50.0,
+                ..Patient::default()
+            },
+        ),
+        (
+            "ejection",
+            Patient {
+                volume: late,
+                ..Patient::default()
+            },
+        ),
+        (
+            "beat-begin",
+            Patient {
+                pressure,
+                volume,
+                edp: 119.0,
+                ..Patient::default()
+            },
+        ),
+    ] {
+        let problem = patient.only();
+        let how = format!("accept = [{rule:?}]");
+        assert!(problem.remedy.ends_with(&how), "{problem}");
+        let accepting = Patient {
+            accepted: vec![rule.to_owned()],
+            ..patient
+        };
+        assert_eq!(accepting.problems(), [], "{rule}");
+    }
 }
 
 #[test]

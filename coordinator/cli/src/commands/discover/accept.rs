@@ -24,12 +24,18 @@ pub fn whose(args: &DiscoverArgs, source: &Source) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Accepts the findings of each patient.
+/// Accepts the findings of each patient, but for those that held-out data do not confirm, unless
+/// `--unconfirmed` asks for them, too. Returns the number of patients whose findings were left out.
 ///
 /// # Errors
 /// [`CliError::Overlay`] if a patient's `model.toml` cannot be changed.
-pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(), CliError> {
-    let mut n_written = 0;
+pub fn accept(
+    args: &DiscoverArgs,
+    source: &Source,
+    cases: &DiscoverCases,
+    talk: &Talk,
+) -> Result<usize, CliError> {
+    let (mut n_written, mut n_left_out) = (0, 0);
     for searched in &source.patients {
         let patient = &searched.patient;
         let Some(case) = cases.get(&patient.id) else {
@@ -37,13 +43,30 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
         };
         let file = patient.folder.join("model.toml");
         let names = case.found.findings.accepted.join(", ");
+        let unconfirmed = case.found.findings.unconfirmed();
+        if let Some(why) = unconfirmed.as_ref().filter(|_| !args.unconfirmed) {
+            n_left_out += 1;
+            talk.say(&format!(
+                "{}: not accepted: {names}; {why}. --accept --unconfirmed writes it all the same",
+                patient.id
+            ));
+            continue;
+        }
+        let mark = if unconfirmed.is_some() {
+            " (not confirmed on held-out data)"
+        } else {
+            ""
+        };
         let said = match overlay::accept(&patient.folder, case, &clock::now_utc())? {
             Change::Written(version) => {
                 n_written += 1;
-                format!("accepted: {names}; version {version} of {}", file.display())
+                format!(
+                    "accepted: {names}{mark}; version {version} of {}",
+                    file.display()
+                )
             }
             Change::Same(version) => format!(
-                "already accepted: {names}; version {version} of {}",
+                "already accepted: {names}{mark}; version {version} of {}",
                 file.display()
             ),
             Change::Nothing | Change::Removed => "nothing to accept".to_owned(),
@@ -60,7 +83,7 @@ pub fn accept(source: &Source, cases: &DiscoverCases, talk: &Talk) -> Result<(),
              acceptance"
         ));
     }
-    Ok(())
+    Ok(n_left_out)
 }
 
 /// Undoes the last acceptance of each patient.

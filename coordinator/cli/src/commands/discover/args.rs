@@ -31,6 +31,9 @@ pub struct DiscoverArgs {
     /// Write the found effects into the patient's model.toml, which the next `cardiotwin run` uses
     #[arg(long, conflicts_with = "revert")]
     pub(super) accept: bool,
+    /// With --accept: also write effects that held-out data do not confirm
+    #[arg(long, requires = "accept")]
+    pub(super) unconfirmed: bool,
     /// Undo the last --accept without a search
     #[arg(long)]
     pub(super) revert: bool,

@@ -112,9 +112,11 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
             talk.data(&text::cohort(cases, talk))?;
         }
     }
-    if args.accept {
-        accept::accept(&source, cases, talk)?;
-    }
+    let n_left_out = if args.accept {
+        accept::accept(args, &source, cases, talk)?
+    } else {
+        0
+    };
     for (patient, failure) in &ended.failures {
         talk.say(&format!("{patient} failed: {failure}"));
     }
@@ -138,11 +140,13 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
         talk.say("stopped; no finished result is lost, and the same command continues");
         return Ok(Exit::Interrupted);
     }
-    Ok(if ended.failures.is_empty() && source.refused.is_empty() {
-        Exit::Ok
-    } else {
-        Exit::Problems
-    })
+    Ok(
+        if ended.failures.is_empty() && source.refused.is_empty() && n_left_out == 0 {
+            Exit::Ok
+        } else {
+            Exit::Problems
+        },
+    )
 }
 
 /// Adds the misses of the beats in the cohort's run. Without a run, or if it cannot be read, adds

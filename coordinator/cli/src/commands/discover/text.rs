@@ -2,7 +2,7 @@
 
 use cardiotwin_report::results::discovery::faults;
 use cardiotwin_report::results::discovery::finite_element::{change, rms_of};
-use cardiotwin_report::results::discovery::pool::pool;
+use cardiotwin_report::results::discovery::pool::{accepted_in, pool};
 use cardiotwin_report::results::discovery::words;
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Place};
 
@@ -35,13 +35,22 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     );
     for effect in found.findings.effects.iter().take(SHOWN) {
         let accepted = found.findings.accepted.contains(&effect.name);
+        let unconfirmed = case.confirmed == Some(false);
         let note = match (accepted, effect.plausible) {
+            (true, _) if unconfirmed && effect.artefact => {
+                "accepted, not confirmed: correct the data"
+            }
+            (true, _) if unconfirmed => "accepted, not confirmed",
             (true, _) if effect.artefact => "accepted: correct the data",
             (true, _) => "accepted",
             (false, false) => "too weak or at the edge of its range",
             (false, true) => "",
         };
-        let tone = accepted.then_some(Tone::Good);
+        let tone = accepted.then_some(if unconfirmed {
+            Tone::Doubtful
+        } else {
+            Tone::Good
+        });
         ranking.toned([
             (effect.name.clone(), tone),
             (format!("{:.3}", effect.probability), None),
@@ -229,6 +238,16 @@ fn finite_element(case: &DiscoverCase, talk: &Talk) -> String {
     )
 }
 
+/// Names of the accepted effects, marked where held-out data do not confirm them.
+fn accepted(case: &DiscoverCase) -> String {
+    let found = &case.found;
+    format!(
+        "{}{}",
+        found.findings.accepted.join(" + "),
+        words::unconfirmed(found)
+    )
+}
+
 /// Table of the whole beat's misfit on the finite-element ventricles; empty if none was simulated.
 fn finite_elements(cases: &DiscoverCases, talk: &Talk) -> String {
     let mut table = Columns::new(
@@ -248,7 +267,7 @@ fn finite_elements(cases: &DiscoverCases, talk: &Talk) -> String {
             any = true;
             table.row([
                 case.case.clone(),
-                case.found.findings.accepted.join(" + "),
+                accepted(case),
                 name.to_owned(),
                 format!("{before:.1}"),
                 format!("{after:.1}"),
@@ -287,7 +306,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
         let missing = match (&found.findings.unexplained, found.findings.none) {
             (Some(_), _) => "unexplained".to_owned(),
             (None, true) => "none".to_owned(),
-            (None, false) => found.findings.accepted.join(" + "),
+            (None, false) => accepted(case),
         };
         let first = found
             .findings
@@ -323,7 +342,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
             (false, 0) => "",
             (false, _) => "single patients",
         };
-        let accepted = format!("{} of {}", pooled.accepted_in, cases.len());
+        let accepted = accepted_in(&pooled, cases.len());
         table.row([
             pooled.name.clone(),
             accepted,
@@ -458,5 +477,41 @@ mod tests {
             cohort(&cases, &talk)
         ));
         assert_eq!(case(&cases["P3"], true, &talk).lines().count(), 3);
+    }
+
+    #[test]
+    fn an_effect_that_held_out_data_do_not_confirm_is_never_only_accepted() {
+        let talk = Talk {
+            colour_out: false,
+            colour_err: false,
+            quiet: true,
+            bars: false,
+        };
+        let mut idle = kick();
+        idle.findings.gap_heldout_after = idle.findings.gap_heldout_before;
+        let mut cases: DiscoverCases = [("P1", idle), ("P2", kick())]
+            .map(|(id, found)| (id.to_owned(), discovery::case(id, "task", &found)))
+            .into();
+        let p1 = cases.get_mut("P1").unwrap();
+        p1.finite_element = Some(finite_element(&p1.found));
+        let one = case(&cases["P1"], false, &talk);
+        assert!(one.contains("accepted, not confirmed\n"), "{one}");
+        assert!(
+            one.contains("do not confirm it (1.72 without and 1.72 with it)"),
+            "{one}"
+        );
+        let all = cohort(&cases, &talk);
+        assert_eq!(
+            all.matches("atrial_kick (not confirmed on held-out data)")
+                .count(),
+            3,
+            "{all}"
+        );
+        assert!(all.contains("2 of 2, 1 not confirmed"), "{all}");
+        let json: serde_json::Value = serde_json::from_str(&discovery::cases_text(&cases)).unwrap();
+        assert_eq!(
+            [&json["P1"]["confirmed"], &json["P2"]["confirmed"]],
+            [false, true]
+        );
     }
 }

@@ -14,7 +14,7 @@ use super::page::{page, write};
 use super::plot::stacked;
 use crate::results::WriteError;
 use crate::results::discovery::finite_element::rms_of;
-use crate::results::discovery::paragraph::{is_confirmed, p_in_words};
+use crate::results::discovery::paragraph::p_in_words;
 use crate::results::discovery::words;
 use tables::verdict;
 
@@ -190,9 +190,6 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
         found.findings.gap_heldout_before,
         found.findings.gap_heldout_after,
     ) {
-        (Some(before), Some(after)) if !is_confirmed(before, after) => {
-            format!("; not confirmed on held-out data, {before:.2} to {after:.2}")
-        }
         (Some(before), Some(after)) => format!("; on held-out data {before:.2} to {after:.2}"),
         _ => String::new(),
     };
@@ -233,6 +230,7 @@ mod tests {
             schema_version: cardiotwin_schemas::formats::DISCOVER_CASE.version,
             case: id.into(),
             summary: paragraph::summary(&found),
+            confirmed: found.findings.confirmed(),
             task: "t".into(),
             run: None,
             finite_element: None,
@@ -331,9 +329,38 @@ mod tests {
         let found = unconfirmed.found.findings.gap_heldout_before;
         unconfirmed.found.findings.gap_heldout_after = found;
         let svg = discovery_svg(&unconfirmed).unwrap();
-        assert!(
-            svg.contains("not confirmed on held-out data, 1.72 to 1.72"),
-            "{svg}"
-        );
+        for part in [
+            "P1: atrial kick (not confirmed on held-out data)",
+            "on held-out data 1.72 to 1.72",
+        ] {
+            assert!(svg.contains(part), "{part} is not in {svg}");
+        }
+    }
+
+    #[test]
+    fn an_effect_that_held_out_data_do_not_confirm_is_marked_in_every_table() {
+        let mut idle = kick();
+        for after in [idle.findings.gap_heldout_before, None] {
+            idle.findings.gap_heldout_after = after;
+            let cases: DiscoverCases = [("P1", idle.clone()), ("P2", kick())]
+                .map(|(id, found)| (id.to_owned(), case(id, found)))
+                .into();
+            let html = section(&cases["P1"]).into_string();
+            for part in [
+                "▲ accepted, not confirmed",
+                "<span class=\"badge\">atrial kick (not confirmed on held-out data)</span>",
+                "with atrial kick (not confirmed on held-out data)",
+                "held-out pressure and volume",
+            ] {
+                assert!(html.contains(part), "{part} is not in {html}");
+            }
+            assert!(!html.contains("● accepted"), "{html}");
+            let html = cohort(&cases).into_string();
+            assert!(
+                html.contains("2 of 2, 1 not confirmed")
+                    && html.contains("<td>atrial kick (not confirmed on held-out data)</td>"),
+                "{html}"
+            );
+        }
     }
 }

@@ -7,8 +7,8 @@ use crate::html::format::{fixed, significant, symbol};
 use crate::html::tables::scrolling;
 use crate::results::discovery::faults;
 use crate::results::discovery::finite_element::{change, rms_of};
-use crate::results::discovery::pool::pool;
-use crate::results::discovery::words::{plain, split_unit, strength};
+use crate::results::discovery::pool::{accepted_in, pool};
+use crate::results::discovery::words::{plain, split_unit, strength, unconfirmed};
 
 /// Number of candidates shown in the ranking.
 const SHOWN: usize = 8;
@@ -24,13 +24,10 @@ pub fn verdict(case: &DiscoverCase) -> String {
     match (&found.findings.unexplained, found.findings.none) {
         (Some(_), _) => "unexplained".to_owned(),
         (None, true) => "nothing is missing".to_owned(),
-        (None, false) => found
-            .findings
-            .accepted
-            .iter()
-            .map(|name| plain(name))
-            .collect::<Vec<_>>()
-            .join(" + "),
+        (None, false) => {
+            let names: Vec<String> = found.findings.accepted.iter().map(|n| plain(n)).collect();
+            format!("{}{}", names.join(" + "), unconfirmed(found))
+        }
     }
 }
 
@@ -44,7 +41,7 @@ pub fn ranking(case: &DiscoverCase) -> Markup {
         tbody { @for effect in found.findings.effects.iter().take(SHOWN) {
             @let accepted = found.findings.accepted.contains(&effect.name);
             tr {
-                th scope="row" { (plain(&effect.name)) @if accepted { span.good { " ● accepted" } } @if effect.artefact { span.quiet { " artefact" } } }
+                th scope="row" { (plain(&effect.name)) @if accepted { @if case.confirmed == Some(false) { span.warn { " ▲ accepted, not confirmed" } } @else { span.good { " ● accepted" } } } @if effect.artefact { span.quiet { " artefact" } } }
                 td.num { (format!("{:.3}", effect.probability)) }
                 td.num { (format!("{:.1}", effect.delta_bic)) }
                 td.num { (format!("{:.1}", effect.log_evidence)) }
@@ -296,7 +293,7 @@ pub fn pooled(cases: &DiscoverCases) -> Markup {
         thead { tr { th { "effect" } th { "accepted in" } th { "pooled evidence" } th.unit { "a fault of" } th.unit { "dominated by" } } }
         tbody { @for effect in pool(cases.values().map(|c| (c.case.as_str(), &c.found))) { tr {
             th scope="row" { (plain(&effect.name)) }
-            td.num { (effect.accepted_in) " of " (cases.len()) }
+            td.num { (accepted_in(&effect, cases.len())) }
             td.num { (format!("{:.1}", effect.log_evidence)) }
             td { @if effect.of_the_model { "the organ's model" } @else if effect.accepted_in > 0 { "single patients" } }
             td { (effect.dominated_by.as_deref().unwrap_or_default()) }

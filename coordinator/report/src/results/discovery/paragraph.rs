@@ -7,8 +7,6 @@ use super::words::{digits, place, plain, split_unit, strength, worst};
 
 /// Share of an index by which it changes at least where the paragraph tells it.
 const TOLD: f64 = 0.05;
-/// Share by which the gap on held-out data must fall to confirm an effect.
-const CONFIRMED: f64 = 0.02;
 /// Number of changed indices that the paragraph tells.
 const N_TOLD: usize = 4;
 
@@ -103,25 +101,17 @@ fn named(found: &Discovered, names: &[String]) -> Vec<String> {
     sentences
 }
 
-/// Whether an effect reduces the gap on held-out data, too, from `before` to `after`.
-pub fn is_confirmed(before: f64, after: f64) -> bool {
-    after <= (1.0 - CONFIRMED) * before
-}
-
 /// How far model and data are apart without and with the effects.
 fn gap(found: &Discovered) -> String {
     let findings = &found.findings;
-    let held = match (findings.gap_heldout_before, findings.gap_heldout_after) {
-        // What does not reduce the gap on data that it was not fitted to may only follow their noise.
-        (Some(before), Some(after)) if !is_confirmed(before, after) => {
-            format!(
-                "; held-out data do not confirm it ({before:.2} without and {after:.2} with it)"
-            )
-        }
-        (Some(before), Some(after)) => {
+    let gaps = (findings.gap_heldout_before, findings.gap_heldout_after);
+    // What does not reduce the gap on data that it was not fitted to may only follow their noise.
+    let held = match (findings.unconfirmed(), gaps) {
+        (Some(why), _) => format!("; {why}"),
+        (None, (Some(before), Some(after))) => {
             format!(", and on held-out data from {before:.2} to {after:.2}")
         }
-        _ => String::new(),
+        (None, _) => String::new(),
     };
     format!(
         "Adding it reduces the gap from {:.2} to {:.2} times the noise{held}.",
@@ -224,7 +214,9 @@ mod tests {
         ) = (Some(1.95), Some(1.95));
         let text = summary(&idle);
         assert!(
-            text.contains("held-out data do not confirm it (1.95 without and 1.95 with it)"),
+            text.contains(
+                "held-out pressure and volume do not confirm it (1.95 without and 1.95 with it)"
+            ),
             "{text}"
         );
         let mut filled = kick();

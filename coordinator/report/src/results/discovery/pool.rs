@@ -15,32 +15,48 @@ const DRAWN_IN_FROM: usize = 3;
 /// Contributions to the pooled log evidence of an effect, by patient.
 type Shares<'a> = Vec<(&'a str, f64)>;
 
+/// Number of patients in whom an effect was accepted, and of those in whom held-out data do not confirm
+/// it, in words.
+#[must_use]
+pub fn accepted_in(effect: &PooledEffect, n_patients: usize) -> String {
+    let unconfirmed = match effect.unconfirmed_in {
+        0 => String::new(),
+        n => format!(", {n} not confirmed"),
+    };
+    format!("{} of {n_patients}{unconfirmed}", effect.accepted_in)
+}
+
 /// All candidates over a cohort, sorted by pooled evidence, the best first.
 #[must_use]
 pub fn pool<'a>(
     patients: impl IntoIterator<Item = (&'a str, &'a Discovered)>,
 ) -> Vec<PooledEffect> {
     let mut n_patients = 0;
-    let mut by_name: BTreeMap<&str, (u32, Shares<'_>)> = BTreeMap::new();
+    let mut by_name: BTreeMap<&str, ([u32; 2], Shares<'_>)> = BTreeMap::new();
     for (patient, found) in patients {
         n_patients += 1;
         for effect in &found.findings.effects {
-            let (accepted_in, shares) = by_name.entry(&effect.name).or_default();
+            let ([accepted_in, unconfirmed_in], shares) = by_name.entry(&effect.name).or_default();
             let share = effect.robust_evidence.clamp(-LARGEST_SHARE, LARGEST_SHARE);
             shares.push((patient, share));
-            *accepted_in += u32::from(found.findings.accepted.contains(&effect.name));
+            let is_accepted = found.findings.accepted.contains(&effect.name);
+            *accepted_in += u32::from(is_accepted);
+            *unconfirmed_in += u32::from(is_accepted && found.findings.confirmed() == Some(false));
         }
     }
     let mut list: Vec<PooledEffect> = by_name
         .into_iter()
-        .map(|(name, (accepted_in, shares))| PooledEffect {
-            name: name.to_owned(),
-            accepted_in,
-            tried_in: u32::try_from(shares.len()).unwrap_or(u32::MAX),
-            log_evidence: winsorised_sum(shares.iter().map(|(_, share)| *share).collect()),
-            of_the_model: 2 * accepted_in > n_patients,
-            dominated_by: dominating(&shares).map(str::to_owned),
-        })
+        .map(
+            |(name, ([accepted_in, unconfirmed_in], shares))| PooledEffect {
+                name: name.to_owned(),
+                accepted_in,
+                unconfirmed_in,
+                tried_in: u32::try_from(shares.len()).unwrap_or(u32::MAX),
+                log_evidence: winsorised_sum(shares.iter().map(|(_, share)| *share).collect()),
+                of_the_model: 2 * accepted_in > n_patients,
+                dominated_by: dominating(&shares).map(str::to_owned),
+            },
+        )
         .collect();
     list.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     list

@@ -27,6 +27,15 @@ pub fn strength(effect: &RankedEffect) -> String {
     parts.join(", ")
 }
 
+/// The mark of accepted effects that held-out data do not confirm; empty for any others.
+#[must_use]
+pub fn unconfirmed(found: &Discovered) -> &'static str {
+    match found.findings.confirmed() {
+        Some(false) => " (not confirmed on held-out data)",
+        _ => "",
+    }
+}
+
 /// A parameter's name without its unit, and the unit in printed form.
 #[must_use]
 pub fn split_unit(name: &str) -> (&str, &'static str) {
