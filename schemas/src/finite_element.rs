@@ -325,7 +325,7 @@ pub struct FiniteElementSettings {
 }
 
 /// Default of the tolerated error of controlled steps \[mmHg/s and mL/s\].
-const STEP_TOLERANCE: f64 = 5.0;
+const STEP_TOLERANCE: f64 = 2.0;
 
 fn usual_tolerance() -> f64 {
     STEP_TOLERANCE

@@ -186,9 +186,9 @@ fn controlled_steps_are_the_same_on_any_number_of_threads() {
 #[test]
 fn a_controlled_beat_goes_on_from_a_snapshot_to_the_bit() {
     let subject = subject(ElementKind::LINEAR_NODAL);
-    let (whole, end) = subject.beat_with(2, &controlled());
-    for stop_ms in [70.0, 200.0, 500.0] {
-        let (mut ventricle, mut blood) = (subject.on(2), circulation());
+    let (whole, end) = subject.beat_with(1, &controlled());
+    for stop_ms in [70.0, 300.0] {
+        let (mut ventricle, mut blood) = (subject.on(1), circulation());
         let stopped = run_observed(&mut ventricle, &mut blood, &controlled(), None, |seen| {
             if seen.ventricle.time().0 < stop_ms {
                 return ControlFlow::Continue(());
@@ -199,7 +199,7 @@ fn a_controlled_beat_goes_on_from_a_snapshot_to_the_bit() {
         let ControlFlow::Break((progress, (wall, load))) = stopped else {
             panic!("stopped at {stop_ms} ms")
         };
-        let (mut ventricle, mut blood) = (subject.on(2), circulation());
+        let (mut ventricle, mut blood) = (subject.on(1), circulation());
         ventricle.restore(&wall).expect("a snapshot of this heart");
         blood.restore(&load).expect("its own snapshot");
         let from = Some(progress);

@@ -2,7 +2,7 @@
 
 use crate::circulation::left_heart::{AORTA, AORTIC_VALVE, LEFT_ATRIUM, MITRAL_VALVE};
 use crate::circulation::{Circulation, CirculationState};
-use crate::step_control::{StepControl, StepEnd, StepHistory};
+use crate::step_control::{Activation, StepControl, StepEnd, StepHistory};
 use crate::ventricle::{Ventricle, VentricleError, VentricleSnapshot};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use serde::{Deserialize, Serialize};
@@ -506,6 +506,7 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
         let first = (1, settings.step.0, steps);
         begun(first, BeatWork::default(), ventricle, circulation)
     });
+    let activation = Activation::of(ventricle.activation_times_ms(), settings.cycle_length);
     let grid_of = |interval: usize| {
         if interval == n_intervals {
             length
@@ -526,6 +527,11 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
             };
             let mut is_taken = false;
             if let Some(control) = &settings.control {
+                let begin_ms = grid_of(now.intervals);
+                while stride > 1 && activation.is_within(begin_ms, grid_of(now.intervals + stride))
+                {
+                    stride /= 2;
+                }
                 while stride > 1 && !is_taken {
                     let end_ms = now.beat_start_ms + grid_of(now.intervals + stride);
                     is_taken = try_long(

@@ -28,6 +28,40 @@ pub struct StepControl {
     pub tolerance_per_s: f64,
 }
 
+/// The part of each cycle in which points of the wall are activated, one after another. The cavity does not show it yet, so
+/// that the estimate of the error cannot see what a long step does to cells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Activation {
+    begin_ms: f64,
+    end_ms: f64,
+    cycle_length_ms: f64,
+}
+
+impl Activation {
+    /// From activation times \[ms\] within a cycle; those that are not finite are never activated.
+    #[must_use]
+    pub fn of(times_ms: &[f64], cycle_length: Ms) -> Self {
+        let finite = times_ms.iter().filter(|time| time.is_finite());
+        let (begin_ms, end_ms) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), time| {
+            (a.min(*time), b.max(*time))
+        });
+        Self {
+            begin_ms,
+            end_ms,
+            cycle_length_ms: cycle_length.0,
+        }
+    }
+
+    /// Whether a point is activated between two times from the beginning of a cycle \[ms\]; times before the beginning are
+    /// in the cycle before.
+    #[must_use]
+    pub fn is_within(&self, from_ms: f64, to_ms: f64) -> bool {
+        [0.0, self.cycle_length_ms]
+            .iter()
+            .any(|later| from_ms < self.end_ms + later && to_ms > self.begin_ms + later)
+    }
+}
+
 /// State of the cavity at a step's end.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct StepEnd {
@@ -199,6 +233,17 @@ mod tests {
         assert_eq!(taken, [1, 1, 1, 2, 2, 2, 4, 4, 4, 8, 8, 8, 8, 8]);
         assert_eq!(history.next_intervals(5), 4);
         assert_eq!(history.next_intervals(1), 1);
+    }
+
+    #[test]
+    fn activation_is_found_in_each_cycle() {
+        let activation = Activation::of(&[12.0, f64::INFINITY, 48.0], Ms(800.0));
+        assert!(activation.is_within(10.0, 14.0) && activation.is_within(40.0, 48.5));
+        assert!(!activation.is_within(8.0, 12.0) && !activation.is_within(48.0, 52.0));
+        let early = Activation::of(&[-10.0, 30.0], Ms(800.0));
+        assert!(early.is_within(788.0, 792.0) && early.is_within(0.0, 4.0));
+        assert!(!early.is_within(700.0, 790.0));
+        assert!(!Activation::of(&[], Ms(800.0)).is_within(0.0, 800.0));
     }
 
     #[test]

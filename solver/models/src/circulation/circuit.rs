@@ -152,13 +152,27 @@ impl Circulation {
         self.start_weight = weight.clamp(0.0, 0.5);
     }
 
-    /// Sets the flows to and from the ventricle to those at a cavity pressure, at which a run starts.
+    /// Sets the flows to and from the ventricle, but for blood with inertia, to those at a cavity pressure, at which a run
+    /// starts. Circuits with links, and flows that cannot be found, stay as they are: the first step says why.
     pub fn begin_flows(&mut self, cavity: Mmhg) {
-        for (idx, c) in self.connections.iter().enumerate() {
-            let outside = self.now.pressures_mmhg[c.compartment_idx];
-            let (flow, _) = c.path.flow(c.difference(cavity.0, outside));
-            self.now.flows_ml_per_s[idx] = flow;
+        let still = TimeStep {
+            end_ms: self.now.time_ms,
+            dt_ms: 0.0,
+        };
+        if self.links.is_empty() {
+            for idx in 0..self.compartments.len() {
+                self.compartments[idx].prepare(still);
+                if self.solve_compartment(idx, cavity.0, still).is_err() {
+                    continue;
+                }
+                for (path, c) in self.connections.iter().enumerate() {
+                    if c.compartment_idx == idx && !self.inertial.contains(&path) {
+                        self.now.flows_ml_per_s[path] = self.trial[path];
+                    }
+                }
+            }
         }
+        self.roll_back();
     }
 
     /// Weight of the flow at a step's start in the mean flow of the step.
