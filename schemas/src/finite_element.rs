@@ -298,6 +298,15 @@ pub struct FiniteElementSettings {
     #[serde(skip_serializing_if = "crate::absent::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
     pub diastolic_step_ms: f64,
+    /// Longest time step where an estimate of the error controls the steps; they are output intervals times powers of two. 0
+    /// for steps of one length.
+    #[serde(skip_serializing_if = "crate::absent::is_zero")]
+    #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
+    pub longest_step_ms: f64,
+    /// Tolerated error of a controlled step over its length, of the cavity's pressure \[mmHg/s\] and volume \[mL/s\].
+    #[serde(skip_serializing_if = "is_usual_tolerance")]
+    #[schemars(extend("minimum" = 1e-3, "maximum" = 1000.0))]
+    pub step_tolerance: f64,
     /// Number of parts into which the mesh is cut, each computed by a thread; 0 for one part per thread or MPI rank. Sums
     /// follow the parts, so that results are the same to the bit for any number of threads, and for any number of MPI ranks
     /// that divides it.
@@ -315,6 +324,21 @@ pub struct FiniteElementSettings {
     pub ep: Electrophysiology,
 }
 
+/// Default of the tolerated error of controlled steps \[mmHg/s and mL/s\].
+const STEP_TOLERANCE: f64 = 2.0;
+
+fn usual_tolerance() -> f64 {
+    STEP_TOLERANCE
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_usual_tolerance(tolerance: &f64) -> bool {
+    *tolerance == STEP_TOLERANCE
+}
+
 fn is_eikonal(ep: &Electrophysiology) -> bool {
     *ep == Electrophysiology::Eikonal
 }
@@ -329,6 +353,8 @@ impl Default for FiniteElementSettings {
             newton: NewtonSettings::default(),
             linear_solver: LinearSolver::default(),
             diastolic_step_ms: 0.0,
+            longest_step_ms: 0.0,
+            step_tolerance: STEP_TOLERANCE,
             subdomains: 0,
             wall: WallSettings::default(),
             fibres: FibreAngles::default(),
@@ -364,6 +390,8 @@ impl FiniteElementSettings {
             newton,
             linear_solver,
             diastolic_step_ms,
+            longest_step_ms,
+            step_tolerance,
             subdomains,
             ..
         } = *self;
@@ -372,6 +400,12 @@ impl FiniteElementSettings {
             newton,
             linear_solver,
             diastolic_step_ms,
+            longest_step_ms,
+            step_tolerance: if longest_step_ms > 0.0 {
+                step_tolerance
+            } else {
+                STEP_TOLERANCE
+            },
             subdomains,
             potentials: None,
         }
@@ -479,6 +513,15 @@ pub struct EquationSettings {
     /// Longest time step of late filling \[ms\]; 0 for no separate limit.
     #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
     pub diastolic_step_ms: f64,
+    /// Longest time step where an estimate of the error controls the steps \[ms\]; 0 for steps of one length.
+    #[serde(default, skip_serializing_if = "crate::absent::is_zero")]
+    pub longest_step_ms: f64,
+    /// Tolerated error of a controlled step over its length \[mmHg/s and mL/s\].
+    #[serde(
+        default = "usual_tolerance",
+        skip_serializing_if = "is_usual_tolerance"
+    )]
+    pub step_tolerance: f64,
     /// Number of parts of the mesh; 0 for one per thread or MPI rank.
     #[serde(default, skip_serializing_if = "crate::absent::is_zero_count")]
     pub subdomains: u32,

@@ -11,9 +11,10 @@ use cardiotwin_mechanics::organ::{
     VentricleParts, WallParameters,
 };
 use cardiotwin_mechanics::step::StepSettings;
-use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_beats};
+use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_beats, run_observed};
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
+use cardiotwin_models::step_control::StepControl;
 use cardiotwin_models::ventricle::{
     GroupContraction, Ventricle, VentricleError, VentricleSnapshot,
 };
@@ -70,13 +71,21 @@ impl Subject {
     }
 
     fn beat(&self, n_ranks: usize) -> (BeatTraces, VentricleSnapshot) {
-        let (mut ventricle, mut blood) = (self.on(n_ranks), circulation());
         let settings = BeatSettings {
             record_nodes: true,
             step: Ms(2.0),
             ..BeatSettings::one_beat(Ms(660.0))
         };
-        match run_beats(&mut ventricle, &mut blood, &settings) {
+        self.beat_with(n_ranks, &settings)
+    }
+
+    fn beat_with(
+        &self,
+        n_ranks: usize,
+        settings: &BeatSettings,
+    ) -> (BeatTraces, VentricleSnapshot) {
+        let (mut ventricle, mut blood) = (self.on(n_ranks), circulation());
+        match run_beats(&mut ventricle, &mut blood, settings) {
             BeatOutcome::Finished(result) => {
                 assert!(result.succeeded(), "{:?}", result.checks);
                 (result.traces, ventricle.snapshot())
@@ -141,6 +150,67 @@ fn a_beat_is_the_same_on_any_number_of_threads_and_the_same_to_the_bit_on_as_man
                 "on as many threads again"
             );
         }
+    }
+}
+
+/// Steps of 1 ms, and of up to 4 ms where their error allows it.
+fn controlled() -> BeatSettings {
+    BeatSettings {
+        record_nodes: true,
+        control: Some(StepControl {
+            longest: Ms(4.0),
+            tolerance_per_s: 5.0,
+        }),
+        ..BeatSettings::one_beat(Ms(660.0))
+    }
+}
+
+#[test]
+fn controlled_steps_are_the_same_on_any_number_of_threads() {
+    let subject = subject(ElementKind::LINEAR_NODAL);
+    let (alone, end) = subject.beat_with(1, &controlled());
+    for n_ranks in [2, 3] {
+        let (traces, snapshot) = subject.beat_with(n_ranks, &controlled());
+        for (a, b) in biomarkers(&alone).into_iter().zip(biomarkers(&traces)) {
+            assert!((a / b - 1.0).abs() < 1e-3, "{n_ranks} ranks: {b} for {a}");
+        }
+        assert_eq!(traces.time_ms, alone.time_ms);
+        assert_eq!(snapshot.values[0], end.values[0]);
+        if n_ranks == 2 {
+            let again = subject.beat_with(n_ranks, &controlled());
+            assert_eq!(again, (traces, snapshot), "on as many threads again");
+        }
+    }
+}
+
+#[test]
+fn a_controlled_beat_goes_on_from_a_snapshot_to_the_bit() {
+    let subject = subject(ElementKind::LINEAR_NODAL);
+    let (whole, end) = subject.beat_with(1, &controlled());
+    for stop_ms in [70.0, 300.0] {
+        let (mut ventricle, mut blood) = (subject.on(1), circulation());
+        let stopped = run_observed(&mut ventricle, &mut blood, &controlled(), None, |seen| {
+            if seen.ventricle.time().0 < stop_ms {
+                return ControlFlow::Continue(());
+            }
+            let states = (seen.ventricle.snapshot(), seen.circulation.snapshot());
+            ControlFlow::Break((seen.progress.clone(), states))
+        });
+        let ControlFlow::Break((progress, (wall, load))) = stopped else {
+            panic!("stopped at {stop_ms} ms")
+        };
+        let (mut ventricle, mut blood) = (subject.on(1), circulation());
+        ventricle.restore(&wall).expect("a snapshot of this heart");
+        blood.restore(&load).expect("its own snapshot");
+        let from = Some(progress);
+        let resumed = run_observed(&mut ventricle, &mut blood, &controlled(), from, |_| {
+            ControlFlow::<()>::Continue(())
+        });
+        let ControlFlow::Continue(BeatOutcome::Finished(resumed)) = resumed else {
+            panic!("the beat ends")
+        };
+        assert_eq!(resumed.traces, whole, "stopped at {stop_ms} ms");
+        assert_eq!(ventricle.snapshot(), end, "stopped at {stop_ms} ms");
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::circulation::left_heart::{AORTA, AORTIC_VALVE, LEFT_ATRIUM, MITRAL_VALVE};
 use crate::circulation::{Circulation, CirculationState};
+use crate::step_control::{Activation, StepControl, StepEnd, StepHistory};
 use crate::ventricle::{Ventricle, VentricleError, VentricleSnapshot};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 use serde::{Deserialize, Serialize};
@@ -14,6 +15,9 @@ const SLOW_MMHG_PER_MS: f64 = 0.1;
 const RECOVERED: f64 = 0.8;
 /// Share of the largest change of volume that may flow in during one step of late filling.
 const INFLOW: f64 = 0.004;
+
+/// Weight of a step's first flow in its mean flow where steps are controlled: the trapezoidal rule.
+const SECOND_ORDER: f64 = 0.5;
 
 /// Number of beats of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -45,6 +49,9 @@ pub struct BeatSettings {
     /// pressure changes slowly and little flows in during a step. Nothing shorter than two output intervals has an effect;
     /// samples in between are linear.
     pub diastolic_step: Ms,
+    /// Control of longer steps in all of the beat, in place of `diastolic_step`, with a circulation of second order; `None`
+    /// for steps of one length.
+    pub control: Option<StepControl>,
     /// Shortest step that failures may cut to.
     pub shortest_step: Ms,
     /// Whether to record stress, calcium and stretch of every node.
@@ -60,6 +67,7 @@ impl BeatSettings {
             beats: Beats::Exactly(1),
             step: Ms(1.0),
             diastolic_step: Ms(0.0),
+            control: None,
             shortest_step: Ms(1.0 / 64.0),
             record_nodes: false,
         }
@@ -392,6 +400,9 @@ pub struct RunProgress {
     pub intervals: usize,
     /// Length of the next step \[ms\].
     pub next_step_ms: f64,
+    /// Last steps, from which controlled steps follow; empty without control.
+    #[serde(default)]
+    pub steps: StepHistory,
     /// Time at the beat's start \[ms\].
     pub beat_start_ms: f64,
     /// Volume at the beat's start \[mL\].
@@ -462,53 +473,85 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
             pressure,
         } => (limit.max(1), Some((volume.0, pressure.0))),
     };
-    let begun = |n_beats, next_step_ms, work, ventricle: &mut V, circulation: &Circulation| {
-        let mut progress = RunProgress {
-            n_beats,
-            intervals: 0,
-            next_step_ms,
-            beat_start_ms: ventricle.time().0,
-            start_volume_ml: ventricle.volume().0,
-            start_circulation: circulation.snapshot(),
-            start_volume_in_ml: circulation.net_volume_in().0,
-            work,
-            traces: BeatTraces::default(),
+    let begun =
+        |(n_beats, next_step_ms, steps), work, ventricle: &mut V, circulation: &Circulation| {
+            let mut progress = RunProgress {
+                n_beats,
+                intervals: 0,
+                next_step_ms,
+                steps,
+                beat_start_ms: ventricle.time().0,
+                start_volume_ml: ventricle.volume().0,
+                start_circulation: circulation.snapshot(),
+                start_volume_in_ml: circulation.net_volume_in().0,
+                work,
+                traces: BeatTraces::default(),
+            };
+            let nodes = settings
+                .record_nodes
+                .then(|| empty_nodes(ventricle, n_intervals + 1));
+            progress.traces.clear(n_intervals + 1, nodes);
+            progress.traces.record(0.0, ventricle, circulation, &probes);
+            progress
         };
-        let nodes = settings
-            .record_nodes
-            .then(|| empty_nodes(ventricle, n_intervals + 1));
-        progress.traces.clear(n_intervals + 1, nodes);
-        progress.traces.record(0.0, ventricle, circulation, &probes);
-        progress
-    };
+    if settings.control.is_some() {
+        circulation.set_start_weight(SECOND_ORDER);
+    }
     let mut now = from.unwrap_or_else(|| {
-        begun(
-            1,
-            settings.step.0,
-            BeatWork::default(),
-            ventricle,
-            circulation,
-        )
+        let mut steps = StepHistory::default();
+        if let Some(control) = &settings.control {
+            circulation.begin_flows(ventricle.pressure());
+            steps.keep(control, end_of(ventricle), (1, settings.step.0));
+        }
+        let first = (1, settings.step.0, steps);
+        begun(first, BeatWork::default(), ventricle, circulation)
     });
+    let activation = Activation::of(ventricle.activation_times_ms(), settings.cycle_length);
+    let grid_of = |interval: usize| {
+        if interval == n_intervals {
+            length
+        } else {
+            interval as f64 * settings.step.0
+        }
+    };
     loop {
         while now.intervals < n_intervals {
-            let stride = if settings.diastolic_step.0 > settings.step.0 {
+            let mut stride = if settings.control.is_some() {
+                now.steps.next_intervals(n_intervals - now.intervals)
+            } else if settings.diastolic_step.0 > settings.step.0 {
                 let longest = now.traces.late_filling_step_ms();
                 let longest = longest.min(settings.diastolic_step.0);
                 (longest / settings.step.0 + 1e-9).floor().max(1.0) as usize
             } else {
                 1
             };
+            let mut is_taken = false;
+            if let Some(control) = &settings.control {
+                let begin_ms = grid_of(now.intervals);
+                while stride > 1 && activation.is_within(begin_ms, grid_of(now.intervals + stride))
+                {
+                    stride /= 2;
+                }
+                while stride > 1 && !is_taken {
+                    let end_ms = now.beat_start_ms + grid_of(now.intervals + stride);
+                    is_taken = try_long(
+                        ventricle,
+                        circulation,
+                        end_ms,
+                        (control, &now.steps, settings.step.0),
+                        &mut now.work,
+                    );
+                    if !is_taken {
+                        stride /= 2;
+                    }
+                }
+            }
             let interval = (now.intervals + stride).min(n_intervals);
-            let grid = if interval == n_intervals {
-                length
-            } else {
-                interval as f64 * settings.step.0
-            };
+            let grid = grid_of(interval);
             let end = now.beat_start_ms + grid;
             let (next_step, work) = (&mut now.next_step_ms, &mut now.work);
             // Kept to the output interval otherwise, to the bit.
-            let longest = if interval - now.intervals > 1 {
+            let longest = if interval - now.intervals > 1 && !is_taken {
                 end - ventricle.time().0
             } else {
                 settings.step.0
@@ -518,14 +561,15 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
             } else {
                 next_step.min(longest)
             };
-            if let Err(reason) = advance(
+            let advanced = advance(
                 ventricle,
                 circulation,
                 end,
                 (longest, settings),
                 next_step,
                 work,
-            ) {
+            );
+            if let Err(reason) = advanced {
                 ventricle.roll_back();
                 circulation.roll_back();
                 let last_good = RunState {
@@ -541,6 +585,11 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
                     traces,
                     work,
                 });
+            }
+            if let Some(control) = &settings.control {
+                let intervals = interval - now.intervals;
+                let covered = (intervals, settings.step.0);
+                now.steps.keep(control, end_of(ventricle), covered);
             }
             now.traces.record(grid, ventricle, circulation, &probes);
             let skipped = (now.intervals + 1..interval)
@@ -584,13 +633,8 @@ pub fn run_observed<V: Ventricle + ?Sized, B>(
             };
             return ControlFlow::Continue(BeatOutcome::Finished(Box::new(result)));
         }
-        now = begun(
-            now.n_beats + 1,
-            now.next_step_ms,
-            now.work,
-            ventricle,
-            circulation,
-        );
+        let next = (now.n_beats + 1, now.next_step_ms, now.steps);
+        now = begun(next, now.work, ventricle, circulation);
     }
 }
 
@@ -605,6 +649,53 @@ fn empty_nodes<V: Ventricle + ?Sized>(ventricle: &V, n_samples: usize) -> NodalT
         ca_um: reserve(),
         lambda: reserve(),
     }
+}
+
+/// State of the cavity at the end of the last committed step.
+fn end_of<V: Ventricle + ?Sized>(ventricle: &V) -> StepEnd {
+    StepEnd {
+        time_ms: ventricle.time().0,
+        pressure_mmhg: ventricle.pressure().0,
+        volume_ml: ventricle.volume().0,
+    }
+}
+
+/// Tries one step to `end_ms` and commits it if it is accurate enough; says whether it is taken.
+fn try_long<V: Ventricle + ?Sized>(
+    ventricle: &mut V,
+    circulation: &mut Circulation,
+    end_ms: f64,
+    (control, steps, interval_ms): (&StepControl, &StepHistory, f64),
+    work: &mut BeatWork,
+) -> bool {
+    // Components keep what depends on the step's length, which is not the difference of two times to the bit.
+    let length_ms = end_ms - ventricle.time().0;
+    let whole_ms = (length_ms / interval_ms).round() * interval_ms;
+    let length_ms = if (length_ms - whole_ms).abs() <= 1e-9 * interval_ms {
+        whole_ms
+    } else {
+        length_ms
+    };
+    let tried = ventricle.try_step(circulation, Ms(length_ms)).ok();
+    let accepted = tried.filter(|tried| {
+        let end = StepEnd {
+            time_ms: end_ms,
+            pressure_mmhg: tried.pressure.0,
+            volume_ml: tried.volume.0,
+        };
+        steps.accepts(control, end)
+    });
+    if let Some(tried) = accepted {
+        ventricle.commit();
+        circulation.commit();
+        work.n_steps += 1;
+        work.n_iterations += tried.iterations;
+        return true;
+    }
+    ventricle.roll_back();
+    circulation.roll_back();
+    work.n_cut += 1;
+    false
 }
 
 /// Steps until `end_ms`, of `longest_ms` at most.

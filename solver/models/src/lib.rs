@@ -8,7 +8,8 @@
 //! - [`effects`]: the catalogue of what the base model lacks, and base model and effects put together
 //! - [`parameter`]: a model's parameters, each declared once
 //! - [`periodic`]: the periodic beat found quickly, and the base model in the parameters of a fit
-//! - [`beat`]: one beat or several to periodicity, with traces and checks; [`median_traces`]: step 2's targets
+//! - [`beat`]: one beat or several to periodicity, with traces and checks; [`step_control`]: the
+//!   lengths of its steps; [`median_traces`]: step 2's targets
 //!
 //! Units: ms, kPa inside the wall, mmHg, mL and mL/s in the circulation, µM.
 
@@ -24,4 +25,5 @@ pub mod median_traces;
 pub mod parameter;
 pub mod periodic;
 pub mod roots;
+pub mod step_control;
 pub mod ventricle;

@@ -69,7 +69,7 @@ impl Link {
 /// Response of the circulation to a candidate cavity pressure at the end of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NetFlow {
-    /// Net flow into the ventricle \[mL/s\].
+    /// Mean net flow into the ventricle over the step \[mL/s\].
     pub inflow_ml_per_s: f64,
     /// Derivative of the inflow with respect to the cavity pressure \[mL/s/mmHg\], never positive.
     pub slope_ml_per_s_per_mmhg: f64,
@@ -109,6 +109,8 @@ pub struct Circulation {
     /// Trial flows of the last evaluation, one per path.
     pub(super) trial: Vec<f64>,
     pub(super) trial_pressures: Vec<f64>,
+    /// Weight of the flow at a step's start in the mean flow of the step.
+    start_weight: f64,
     /// Step and cavity pressure of the trial.
     pending: Option<(TimeStep, Mmhg)>,
 }
@@ -139,8 +141,61 @@ impl Circulation {
             },
             trial: Vec::new(),
             trial_pressures: Vec::new(),
+            start_weight: 0.0,
             pending: None,
         }
+    }
+
+    /// Sets the weight of the flow at a step's start in the mean flow of the step: zero for the implicit Euler rule, which is
+    /// the default, one half for the trapezoidal rule, which is of second order. Circuits with links keep the former.
+    pub fn set_start_weight(&mut self, weight: f64) {
+        self.start_weight = weight.clamp(0.0, 0.5);
+    }
+
+    /// Sets the flows to and from the ventricle, but for blood with inertia, to those at a cavity pressure, at which a run
+    /// starts. Circuits with links, and flows that cannot be found, stay as they are: the first step says why.
+    pub fn begin_flows(&mut self, cavity: Mmhg) {
+        let still = TimeStep {
+            end_ms: self.now.time_ms,
+            dt_ms: 0.0,
+        };
+        if self.links.is_empty() {
+            for idx in 0..self.compartments.len() {
+                self.compartments[idx].prepare(still);
+                if self.solve_compartment(idx, cavity.0, still).is_err() {
+                    continue;
+                }
+                for (path, c) in self.connections.iter().enumerate() {
+                    if c.compartment_idx == idx && !self.inertial.contains(&path) {
+                        self.now.flows_ml_per_s[path] = self.trial[path];
+                    }
+                }
+            }
+        }
+        self.roll_back();
+    }
+
+    /// Weight of the flow at a step's start in the mean flow of the step.
+    fn start_weight(&self) -> f64 {
+        if self.links.is_empty() {
+            self.start_weight
+        } else {
+            0.0
+        }
+    }
+
+    /// Mean flow of a path over the step of the trial \[mL/s\].
+    fn mean_flow(&self, path_idx: usize) -> f64 {
+        let (start, end) = (self.now.flows_ml_per_s[path_idx], self.trial[path_idx]);
+        end + self.start_weight() * (start - end)
+    }
+
+    /// Committed flow into a compartment from the ventricle \[mL/s\].
+    fn flow_into(&self, compartment_idx: usize) -> f64 {
+        let into = self.connections.iter().zip(&self.now.flows_ml_per_s);
+        into.filter(|(c, _)| c.compartment_idx == compartment_idx)
+            .map(|(c, q)| c.signed(*q))
+            .sum()
     }
 
     /// Adds a compartment in its initial state and returns its index.
@@ -408,21 +463,35 @@ impl Circulation {
     ) -> Result<(f64, f64), CirculationError> {
         const LIMIT: usize = 100;
         let states = self.first_state[idx]..self.first_state[idx + 1];
+        let weight = self.start_weight();
+        let at_start = if weight > 0.0 {
+            self.flow_into(idx)
+        } else {
+            0.0
+        };
+        let mean = |flow: f64| (1.0 - weight) * flow + weight * at_start;
         if self.compartments[idx].is_source() {
             let state = &self.now.states[states.clone()];
             let (pressure, _) = self.compartments[idx].pressure(state, 0.0, step);
             let (flow, slope) = self.inflow(idx, cavity_mmhg, pressure);
             self.trial_pressures[idx] = pressure;
             if flow.is_finite() {
-                return Ok((flow, slope));
+                return Ok((mean(flow), (1.0 - weight) * slope));
             }
         }
+        let series = self.compartments[idx].series_resistance();
         let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
         let mut pressure = self.trial_pressures[idx];
         for _ in 0..LIMIT {
             let (flow, slope) = self.inflow(idx, cavity_mmhg, pressure);
             let state = &self.now.states[states.clone()];
-            let (wanted, stiffness) = self.compartments[idx].pressure(state, flow, step);
+            let (mut wanted, mut stiffness) =
+                self.compartments[idx].pressure(state, mean(flow), step);
+            if weight > 0.0 {
+                // States follow the mean flow, but the pressure behind the resistance that of the end.
+                wanted += series * (flow - mean(flow));
+                stiffness += weight * (series - stiffness);
+            }
             let residual = pressure - wanted;
             let gain = 1.0 + stiffness * slope;
             if !residual.is_finite() {
@@ -434,7 +503,7 @@ impl Circulation {
                 || high - low <= 1e-13 * (1.0 + pressure.abs())
             {
                 self.trial_pressures[idx] = pressure;
-                return Ok((flow, slope / gain));
+                return Ok((mean(flow), (1.0 - weight) * slope / gain));
             }
             if residual < 0.0 {
                 low = low.max(pressure);
@@ -467,9 +536,9 @@ impl Circulation {
             return;
         };
         for (idx, compartment) in self.compartments.iter().enumerate() {
-            let into = self.connections.iter().zip(&self.trial);
-            let mut inflow: f64 = (into.filter(|(c, _)| c.compartment_idx == idx))
-                .map(|(c, q)| c.signed(*q))
+            let into = self.connections.iter().enumerate();
+            let mut inflow: f64 = (into.filter(|(_, c)| c.compartment_idx == idx))
+                .map(|(path, c)| c.signed(self.mean_flow(path)))
                 .sum();
             for (link, q) in self.links.iter().zip(&self.trial[self.connections.len()..]) {
                 inflow += link.signed(idx, *q);
@@ -479,6 +548,9 @@ impl Circulation {
                 inflow,
                 step,
             );
+        }
+        for idx in 0..self.trial.len() {
+            self.now.passed_ml[idx] += self.mean_flow(idx) * step.dt_ms * 1e-3;
         }
         self.now
             .pressures_mmhg
@@ -491,9 +563,6 @@ impl Circulation {
         let links = self.now.open[self.connections.len()..].iter_mut();
         for (open, link) in links.zip(&self.links) {
             *open = link.path.is_open(link.difference(&self.trial_pressures));
-        }
-        for (passed, flow) in self.now.passed_ml.iter_mut().zip(&self.trial) {
-            *passed += flow * step.dt_ms * 1e-3;
         }
         self.now.time_ms = step.end_ms;
     }

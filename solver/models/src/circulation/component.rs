@@ -29,6 +29,12 @@ pub trait Compartment: std::fmt::Debug + Send + Sync {
     /// allowed, because the cavity constraint holds at the end of the step.
     fn pressure(&self, state: &[f64], inflow_ml_per_s: f64, step: TimeStep) -> (f64, f64);
 
+    /// Resistance through which the inflow reaches the states \[mmHg·s/mL\]: the derivative of [`Self::pressure`] for a step of
+    /// no length.
+    fn series_resistance(&self) -> f64 {
+        0.0
+    }
+
     /// Advances the state over an accepted step.
     fn advance(&self, state: &mut [f64], inflow_ml_per_s: f64, step: TimeStep);
 

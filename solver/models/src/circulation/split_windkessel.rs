@@ -149,6 +149,10 @@ impl Compartment for SplitWindkessel {
         (end[0] + self.r1 * inflow_ml_per_s, slope[0] + self.r1)
     }
 
+    fn series_resistance(&self) -> f64 {
+        self.r1
+    }
+
     fn advance(&self, state: &mut [f64], inflow_ml_per_s: f64, step: TimeStep) {
         let (end, _) = self.step(state, inflow_ml_per_s, step.dt_ms);
         state.copy_from_slice(&end);

@@ -138,6 +138,10 @@ impl Compartment for Windkessel3 {
         (state[0] * (1.0 - filled) + slope * inflow_ml_per_s, slope)
     }
 
+    fn series_resistance(&self) -> f64 {
+        self.r1
+    }
+
     fn advance(&self, state: &mut [f64], inflow_ml_per_s: f64, step: TimeStep) {
         let filled = self.filled(step.dt_ms);
         state[0] += filled * (self.r2 * inflow_ml_per_s - state[0]);

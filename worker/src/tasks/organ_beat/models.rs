@@ -9,7 +9,9 @@ use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSol
 use cardiotwin_models::circulation::{ClosedLoop, LeftHeart, StartPressure};
 use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
+use cardiotwin_models::step_control::StepControl;
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OrganLaw};
+use cardiotwin_schemas::finite_element::EquationSettings;
 use cardiotwin_schemas::organ::{
     ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OneFibrePassive,
     StretchOrigin,
@@ -91,9 +93,20 @@ pub(super) fn settings(spec: &OrganBeatSpec) -> BeatSettings {
         diastolic_step: Ms(spec
             .finite_element
             .map_or(0.0, |equations| equations.diastolic_step_ms)),
+        control: spec
+            .finite_element
+            .and_then(|equations| control(spec, &equations)),
         shortest_step: Ms(spec.shortest_step_ms),
         record_nodes: true,
     }
+}
+
+/// Control of the steps, if the settings allow steps longer than the output interval.
+fn control(spec: &OrganBeatSpec, equations: &EquationSettings) -> Option<StepControl> {
+    (equations.longest_step_ms > spec.time_step_ms).then_some(StepControl {
+        longest: Ms(equations.longest_step_ms),
+        tolerance_per_s: equations.step_tolerance,
+    })
 }
 
 pub(super) fn heart(spec: &OrganBeatSpec) -> LeftHeart {
