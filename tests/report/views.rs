@@ -4,7 +4,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use cardiotwin_report::html::preparation::{BeatLines, RecordingLines, preparation_page};
 use cardiotwin_report::html::{Pages, write_report};
+use cardiotwin_schemas::preparation::{BeatsFound, Preparation};
 use cardiotwin_schemas::record::{RunRecord, Step3Ending, Step3Summary};
 use serde_json::{Value, json};
 
@@ -94,6 +96,7 @@ fn every_view_is_a_few_screens_high() {
 /// Functions for the scripts below.
 const WHERE: &str = r##"
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
+const moved = () => Promise.race([wait(3000), new Promise((done) => addEventListener("hashchange", () => setTimeout(done, 30), { once: true }))]);
 const at = () => [[...document.querySelectorAll("main > .view:not([hidden])")].map((v) => v.id).join(),
   document.querySelector(".view:not([hidden]) > .part:not([hidden])")?.dataset.part ?? "", Math.round(scrollY)];
 const here = () => [...document.querySelectorAll('[aria-current="page"]')].map((a) => a.textContent.trim());
@@ -136,12 +139,12 @@ fn the_address_chooses_the_view_and_the_way_back_leads_to_the_same_place() {
         r##"
         scrollTo({ top: 700, behavior: "instant" });
         const link = document.querySelector('table.cohort a[href="#02-CoA"]');
-        link.click(); await wait(100); const patient = [at(), here(), document.title];
-        document.querySelector('.view:not([hidden]) .parts a[data-part="numbers"]').click(); await wait(100); const part = at();
-        history.back(); await wait(100); const back = at();
-        history.back(); await wait(100); const cohort = [at(), document.title];
-        history.forward(); await wait(100); const forward = at();
-        const press = async (key) => { document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true })); await wait(100); return at()[0]; };
+        let came = moved(); link.click(); await came; const patient = [at(), here(), document.title];
+        came = moved(); document.querySelector('.view:not([hidden]) .parts a[data-part="numbers"]').click(); await came; const part = at();
+        came = moved(); history.back(); await came; const back = at();
+        came = moved(); history.back(); await came; const cohort = [at(), document.title];
+        came = moved(); history.forward(); await came; const forward = at();
+        const press = async (key) => { came = moved(); document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true })); await came; return at()[0]; };
         const keys = [await press("j"), await press("k"), await press("k"), await press("k"), await press("Escape")];
         return { patient, part, back, cohort, forward, keys };
         "##,
@@ -150,7 +153,7 @@ fn the_address_chooses_the_view_and_the_way_back_leads_to_the_same_place() {
         found["patient"],
         json!([
             ["02-CoA", "beat", 0],
-            ["● 02-CoA", "Beat"],
+            ["▲ 02-CoA", "Beat"],
             "02-CoA · coa-seven · cardiotwin"
         ]),
         "{found}"
@@ -221,28 +224,92 @@ fn without_scripts_and_on_paper_every_view_is_there() {
     assert!(height.as_u64().unwrap() > 15_000, "{height}");
 }
 
-/// Letters of every plot and picture on a phone. Subscripts are smaller, as in print.
+/// Script that returns the height of the letters of every plot and picture in px, the smallest first,
+/// and the labels that overlap. Subscripts are smaller, as in print.
+const LETTERS: &str = r##"
+const [letters, touching] = [[], []];
+for (const svg of document.querySelectorAll("svg.plot, svg.heart")) {
+  const texts = [...svg.querySelectorAll("text")].filter((text) => text.textContent.trim());
+  const boxes = texts.map((text) => text.getBoundingClientRect());
+  texts.forEach((text, k) => {
+    const at = text.getScreenCTM(), a = boxes[k], name = svg.getAttribute("aria-label");
+    letters.push([Math.round(10 * parseFloat(getComputedStyle(text).fontSize) * Math.hypot(at.a, at.b)) / 10, text.textContent, name]);
+    // A box is higher than its letters.
+    boxes.slice(k + 1).forEach((b, m) => {
+      if (a.right > b.left + 1 && b.right > a.left + 1 && a.bottom > b.top + 3 && b.bottom > a.top + 3) touching.push([text.textContent, texts[k + 1 + m].textContent, name]);
+    });
+  });
+}
+return { letters: letters.sort((a, b) => a[0] - b[0]), touching };
+"##;
+
+fn assert_legible(browser: &Browser, file: &Path, at_least: usize) {
+    let phone = browser.measure(file, "#all", PHONE, LETTERS);
+    let letters = phone["letters"].as_array().unwrap();
+    assert!(letters.len() > at_least, "{}", letters.len());
+    assert!(letters[0][0].as_f64().unwrap() >= 10.0, "{}", letters[0]);
+    assert_eq!(phone["touching"], json!([]), "on a phone");
+    let desk = browser.measure(file, "#all", DESK, LETTERS);
+    assert_eq!(desk["touching"], json!([]), "on a desk");
+}
+
 #[test]
-fn letters_of_plots_are_at_least_ten_pixels_high_on_a_phone() {
+fn letters_of_plots_are_at_least_ten_pixels_high_on_a_phone_and_apart() {
     let Some(browser) = Browser::find() else {
         return;
     };
-    let script = r##"
-      const found = [];
-      for (const text of document.querySelectorAll("svg.plot text, svg.heart text")) {
-        const at = text.getScreenCTM();
-        const px = parseFloat(getComputedStyle(text).fontSize) * Math.hypot(at.a, at.b);
-        found.push([Math.round(10 * px) / 10, text.textContent, text.closest("svg").getAttribute("aria-label")]);
-      }
-      return found.sort((a, b) => a[0] - b[0]);"##;
     let folder = tempfile::tempdir().unwrap();
     for run in [full(folder.path()), fixture::cohort(folder.path())] {
-        let out = written(&run, folder.path());
-        let found = browser.measure(&out, "#all", PHONE, script);
-        let found = found.as_array().unwrap();
-        assert!(found.len() > 300, "{}", found.len());
-        assert!(found[0][0].as_f64().unwrap() >= 10.0, "{}", found[0]);
+        assert_legible(&browser, &written(&run, folder.path()), 300);
     }
+}
+
+/// The page of a preparation, with valves that move within a few milliseconds of each other.
+#[test]
+fn the_page_of_a_preparation_is_legible_too() {
+    let Some(browser) = Browser::find() else {
+        return;
+    };
+    let answer = Preparation {
+        schema_version: 1,
+        id: "P001".into(),
+        files: vec![],
+        cycle_length_ms: 600.0,
+        beats: BeatsFound {
+            source: "R wave".into(),
+            found: 1,
+            kept: 1,
+            left_out: vec![],
+        },
+        steps: vec![],
+        warnings: vec![],
+        written: vec![],
+        patient_toml: String::new(),
+    };
+    let mean: Vec<(f64, f64)> = (0..=600)
+        .map(|t| (f64::from(t), 60.0 + 55.0 * (f64::from(t) / 95.0).sin()))
+        .collect();
+    let beats = BeatLines {
+        kept: vec![mean.clone()],
+        mean: mean.clone(),
+        band: [mean.clone(), mean.clone()],
+        events: vec![
+            ("aortic valve opens", 372.0),
+            ("aortic valve closes", 380.0),
+            ("mitral valve opens", 391.0),
+        ],
+        ..BeatLines::default()
+    };
+    let recording = RecordingLines {
+        kept: vec![mean.iter().map(|(t, p)| (1e-3 * t, *p)).collect()],
+        ..RecordingLines::default()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("prepare.html");
+    std::fs::write(&out, preparation_page(&answer, &recording, &beats, None)).unwrap();
+    assert_legible(&browser, &out, 30);
+    let wide = "return document.documentElement.scrollWidth - innerWidth;";
+    assert_eq!(browser.measure(&out, "", PHONE, wide), 0);
 }
 
 /// The edge behind which a table continues is shaded; the shade goes where the table ends.

@@ -51,7 +51,7 @@
     const name = nameOf(location.hash);
     if (name === "all") everything = true;
     else if (name === "top" || name === "") everything = false;
-    const target = find(name);
+    const target = name === "" ? views[0] : find(name);
     const { view, part, isNew } = show(target);
     const top = history.state?.top;
     if (Number.isFinite(top)) scrollTo({ top, behavior: "instant" });
