@@ -78,8 +78,9 @@ fn a_run_that_has_not_begun_is_waited_for_on_a_phone() {
     );
     picture(&mut page, "waiting-dark-390");
     cohort.call(&["run"]).expect(0);
-    page.wait_for(&format!("{} === 'done'", cell("01-CoA", "state")))
+    page.wait_for("document.getElementById('coordinator').textContent.startsWith('■ ended')")
         .unwrap();
+    page.wait_for(&cell("01-CoA", "state")).unwrap();
     let fits = serde_json::json!([true, true, true]);
     assert_eq!(page.value(FITS).unwrap(), fits);
     picture(&mut page, "ended-dark-390");
