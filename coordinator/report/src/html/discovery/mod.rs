@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn a_section_shows_ranking_gap_places_and_both_models() {
-        let html = section(&case("P<1>", kick())).into_string();
+        let html = section(&case("P<1>", kick()), "patient").into_string();
         for part in [
             "P&lt;1&gt;",
             "● accepted",
@@ -260,10 +260,10 @@ mod tests {
             assert!(html.contains(part), "{part} is not in {html}");
         }
         assert_eq!(html.matches("class=\"band noise\"").count(), 2);
-        let html = section(&case("P2", nothing())).into_string();
+        let html = section(&case("P2", nothing()), "patient").into_string();
         assert!(html.contains("nothing is missing") && !html.contains("class=\"line after\""));
         assert!(
-            section(&case("P3", unexplained()))
+            section(&case("P3", unexplained()), "patient")
                 .into_string()
                 .contains("Dependence of the unexplained gap")
         );
@@ -293,9 +293,13 @@ mod tests {
     #[test]
     fn the_finite_element_ventricle_is_drawn_where_it_was_simulated() {
         let mut case = case("P1", kick());
-        assert!(!section(&case).into_string().contains("finite-element"));
+        assert!(
+            !section(&case, "patient")
+                .into_string()
+                .contains("finite-element")
+        );
         case.finite_element = Some(finite_element(&case.found));
-        let html = section(&case).into_string();
+        let html = section(&case, "patient").into_string();
         for part in [
             "On the finite-element ventricle",
             "1043 nodes",
