@@ -69,7 +69,7 @@ class Case:
 
     def section(self, name):
         """The patient's part of the report."""
-        begin = self.report.index(f'id="p-{name}"')
+        begin = self.report.index(f'id="{name}"')
         end = self.report.find("<section", begin)
         return self.report[begin : end if end > 0 else None]
 

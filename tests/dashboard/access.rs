@@ -129,8 +129,9 @@ fn nothing_else_listens_and_nothing_is_written() {
 #[test]
 fn a_run_that_is_not_there_and_a_port_that_is_taken() {
     let cohort = Cohort::quick_of("01-CoA");
+    // A folder that is no cohort will never have a run.
     cohort
-        .call(&["dashboard"])
+        .call(&["dashboard", "patients"])
         .expect(5)
         .complains_of(&["nothing was run here yet"]);
     cohort.call(&["run"]).expect(0);

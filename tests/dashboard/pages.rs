@@ -50,6 +50,48 @@ fn no_complaints(page: &mut Page) {
     assert!(complaints.is_empty(), "{complaints:#?}");
 }
 
+/// Whether nothing is wider than the window, and whether heads and cells of the table lie side by side.
+const FITS: &str = "(() => { \
+    const cells = [...document.querySelectorAll('.row:not([hidden])')].map((row) => [...row.querySelectorAll('.c')] \
+      .map((c) => c.getBoundingClientRect()).filter((r) => r.width > 0)); \
+    const apart = cells.every((row) => row.every((r, k) => r.right <= innerWidth && (k === 0 || row[k - 1].right <= r.left + 0.5))); \
+    return [document.documentElement.scrollWidth <= innerWidth, document.getElementById('page').scrollWidth <= innerWidth, apart]; })()";
+
+/// The page is opened before the run begins, on a phone.
+#[test]
+fn a_run_that_has_not_begun_is_waited_for_on_a_phone() {
+    let Some(browser) = browser() else { return };
+    let cohort = Cohort::quick_of("01-CoA");
+    let dashboard = Dashboard::start(cohort.path(), &[]);
+    let phone = Look {
+        width: 390,
+        height: 844,
+        dark: true,
+    };
+    let mut page = browser.open(&dashboard.url, phone).unwrap();
+    page.wait_for("document.getElementById('coordinator').textContent.includes('has not begun')")
+        .unwrap();
+    assert_eq!(
+        page.value("document.getElementById('trouble').hidden")
+            .unwrap(),
+        true
+    );
+    picture(&mut page, "waiting-dark-390");
+    cohort.call(&["run"]).expect(0);
+    page.wait_for("document.getElementById('coordinator').textContent.startsWith('■ ended')")
+        .unwrap();
+    page.wait_for(&cell("01-CoA", "state")).unwrap();
+    let fits = serde_json::json!([true, true, true]);
+    assert_eq!(page.value(FITS).unwrap(), fits);
+    picture(&mut page, "ended-dark-390");
+    page.click(".row[data-name='01-CoA']").unwrap();
+    page.wait_for("document.querySelectorAll('.results svg.plot').length > 5")
+        .unwrap();
+    assert_eq!(page.value(FITS).unwrap(), fits);
+    picture(&mut page, "patient-dark-390");
+    no_complaints(&mut page);
+}
+
 #[test]
 fn a_run_is_followed_to_its_end_by_two_readers() {
     let Some(browser) = browser() else { return };
@@ -96,7 +138,9 @@ fn a_run_is_followed_to_its_end_by_two_readers() {
     // An element that is not there yet has an empty text.
     let now = "(document.querySelector('.now')?.textContent ?? '')";
     let line = one
-        .wait_for(&format!("{now}.includes('generation') && {now}"))
+        .wait_for(&format!(
+            "{now}.includes('step-2 at work') && {now}.includes('generation') && {now}"
+        ))
         .unwrap();
     one.wait_for(&format!("{now} !== {line}")).unwrap();
     picture(&mut one, "patient-light-1300");

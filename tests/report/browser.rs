@@ -21,12 +21,17 @@ impl Browser {
         found.map(Self)
     }
 
-    /// Opens a file. `fragment` is empty, or begins with `#`.
+    /// Opens a file. `fragment` is empty, or begins with `#`; with ` dark` after it, the system prefers
+    /// dark pages.
     pub fn open(&self, file: &Path, fragment: &str, (width, height): (u32, u32)) -> Page {
+        let (fragment, dark) = match fragment.strip_suffix(" dark") {
+            Some(fragment) => (fragment, true),
+            None => (fragment, false),
+        };
         let look = Look {
             width,
             height,
-            dark: false,
+            dark,
         };
         let url = format!("file://{}{fragment}", file.display());
         self.0

@@ -267,9 +267,9 @@ fn the_pictures_are_seen_in_both_themes_and_on_a_narrow_screen() {
         colours: new Set(paths.map((p) => getComputedStyle(p).fill)).size, unpainted: paths.filter((p) => getComputedStyle(p).fill === "none").length };
     });"#;
     for (fragment, window) in [
-        ("#light", (1400, 3000)),
-        ("#dark", (1400, 3000)),
-        ("", (500, 3000)),
+        ("#all", (1400, 3000)),
+        ("#all dark", (1400, 3000)),
+        ("#01-CoA/ventricle", (500, 3000)),
     ] {
         assert_eq!(browser.complaints(&out, fragment, window), [""; 0]);
         let found = browser.measure(&out, fragment, window, script);

@@ -31,7 +31,7 @@ const saved = async (button) => {
 "#;
 
 fn measure(browser: &Browser, file: &std::path::Path, script: &str) -> Value {
-    browser.measure(file, "#light", WINDOW, &format!("{TOOLS}{script}"))
+    browser.measure(file, "#01-CoA", WINDOW, &format!("{TOOLS}{script}"))
 }
 
 /// The run with a step 3 that kept the verification beat, so that all columns are filled.
@@ -53,7 +53,7 @@ fn the_heart_beats_turns_and_changes_its_colours() {
         return;
     };
     let (_folder, out) = in_3d::written();
-    assert_eq!(browser.complaints(&out, "#dark", WINDOW), [""; 0]);
+    assert_eq!(browser.complaints(&out, "#01-CoA dark", WINDOW), [""; 0]);
     let found = measure(
         &browser,
         &out,
@@ -333,9 +333,10 @@ fn all_columns_of_the_cohort_are_visible_at_1300_pixels() {
         in_3d::run(folder.path()),
     ] {
         write_report(&run, None, Pages::All, &out).unwrap();
-        let found = measure(
-            &browser,
+        let found = browser.measure(
             &out,
+            "#all",
+            WINDOW,
             r#"const page = document.documentElement;
             const wide = [...document.querySelectorAll(".scroll")].filter((room) => room.closest("details") === null && room.scrollWidth > room.clientWidth);
             return { beyond: page.scrollWidth - innerWidth, wide: wide.map((room) => [room.textContent.slice(0, 60), room.scrollWidth, room.clientWidth]) };"#,

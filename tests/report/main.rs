@@ -8,6 +8,7 @@ mod in_3d;
 mod interactive;
 mod organ_law;
 mod traces;
+mod views;
 
 use std::path::{Path, PathBuf};
 
@@ -88,8 +89,8 @@ fn seven_patients_are_one_self_contained_file_of_bounded_size() {
     );
     for k in 1..=7 {
         assert!(
-            page.contains(&format!("id=\"p-0{k}-CoA\""))
-                && page.contains(&format!("href=\"#p-0{k}-CoA\"")),
+            page.contains(&format!("id=\"0{k}-CoA\""))
+                && page.contains(&format!("href=\"#0{k}-CoA\"")),
             "{k}"
         );
     }
@@ -275,7 +276,7 @@ fn every_plot_is_drawn_inside_its_area_and_nothing_complains() {
         assert_eq!(browser.complaints(&out, fragment, WIDE), [""; 0]);
     }
     for window in [WIDE, NARROW] {
-        let plots = browser.measure(&out, "", window, PLOTS);
+        let plots = browser.measure(&out, "#all", window, PLOTS);
         let plots = plots.as_array().unwrap();
         // 2 plots of the cohort and 7 small ones; per patient 4 of the beat, 7 of step 1 and 4 of
         // the cell.
@@ -314,8 +315,8 @@ fn a_screenshot_shows_every_line_in_both_themes() {
     let light = [[0x1c, 0x21, 0x27], [0x00, 0x72, 0xb2], [0xd5, 0x5e, 0x00]];
     let dark = [[0xf2, 0xf4, 0xf6], [0x56, 0xb4, 0xe9], [0xff, 0x9d, 0x4d]];
     for (theme, background, colours) in [
-        ("#light", [255, 255, 255], light),
-        ("#dark", [0x15, 0x18, 0x1c], dark),
+        ("#all", [255, 255, 255], light),
+        ("#all dark", [0x15, 0x18, 0x1c], dark),
     ] {
         let png = folder.path().join("screen.png");
         let mut page = browser.open(&out, theme, WIDE);
@@ -411,7 +412,7 @@ fn nothing_but_tables_is_wider_than_a_narrow_screen() {
     let (_folder, out) = seven();
     let script = r#"return { inner: innerWidth, page: document.documentElement.scrollWidth,
       scrolling: [...document.querySelectorAll(".scroll")].filter((e) => e.scrollWidth > e.clientWidth).length };"#;
-    let found = browser.measure(&out, "", NARROW, script);
+    let found = browser.measure(&out, "#all", NARROW, script);
     assert!(
         found["page"].as_u64().unwrap() <= found["inner"].as_u64().unwrap(),
         "{found}"
@@ -438,7 +439,7 @@ fn values_are_read_off_under_the_pointer_and_the_theme_switches() {
       const before = background();
       document.querySelector(".theme").click();
       return { text, hidden: document.getElementById("readout").hidden, before, after: background() };"#;
-    let found = browser.measure(&out, "#light", WIDE, script);
+    let found = browser.measure(&out, "#01-CoA", WIDE, script);
     let text = found["text"].as_str().unwrap();
     assert_eq!(found["hidden"], false);
     assert!(

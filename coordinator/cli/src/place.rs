@@ -43,6 +43,12 @@ pub const DATABASE: &str = "cardiotwin.db";
 /// File by which a cohort's folder is recognised.
 const COHORT: &str = "cohort.toml";
 
+/// Whether a folder is a cohort's.
+#[must_use]
+pub fn is_cohort(folder: &Path) -> bool {
+    folder.join(COHORT).exists()
+}
+
 impl Folders {
     /// Folders for the arguments. Without `run_dir`, `folder` is a run if it holds a database but
     /// no `cohort.toml`; otherwise it is a cohort.

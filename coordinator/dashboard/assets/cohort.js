@@ -79,8 +79,8 @@ export function takeUp(message) {
   if (message.whole) run.patients.clear();
   for (const row of message.patients) run.patients.set(row.patient, judged(row));
   for (const name of message.gone) run.patients.delete(name);
-  const { cohort, coordinator_running, counts, refused, cluster, estimate } = message;
-  Object.assign(run, { known: true, cohort, coordinator_running, counts, refused, cluster, estimate });
+  const { cohort, waiting, coordinator_running, counts, refused, cluster, estimate } = message;
+  Object.assign(run, { known: true, cohort, waiting, coordinator_running, counts, refused, cluster, estimate });
   if (run.cluster) run.cluster.seen_ms = Date.parse(run.cluster.as_of);
   at("trouble").hidden = !message.trouble;
   at("trouble").textContent = message.trouble ? `The run cannot be read: ${message.trouble}` : "";
@@ -121,7 +121,9 @@ function head() {
     ? ["● running", "good"]
     : isOver() && run.patients.size
       ? ended()
-      : ["○ no coordinator is running", "warn"];
+      : run.waiting
+        ? ["○ the run has not begun; this page waits for it", "quiet"]
+        : ["○ no coordinator is running", "warn"];
   if (state.textContent !== words) state.textContent = words;
   state.className = tone;
   chips();

@@ -127,16 +127,18 @@ export class PatientView {
     }));
   }
 
-  /** Shows the last line of the running task's log above the results. */
+  /** Shows the task at work and the last line of its log above the results. */
   async readProgress() {
-    let line = "";
-    if (run.patients.get(this.name)?.state === "running") {
+    let told = "";
+    const row = run.patients.get(this.name);
+    if (row?.state === "running") {
       const found = await ask(`/api/patient/${encodeURIComponent(this.name)}/log`).catch(() => null);
-      line = found?.text.split("\n").findLast((one) => REPORT.test(one)) ?? "";
+      const line = found?.text.split("\n").findLast((one) => REPORT.test(one)) ?? "no report yet";
+      told = `${row.step} at work · ${line}`;
     }
     if (this.gone) return;
-    this.now.hidden = !line;
-    if (this.now.textContent !== line) this.now.textContent = line;
+    this.now.hidden = !told;
+    if (this.now.textContent !== told) this.now.textContent = told;
   }
 
   async readLog() {

@@ -79,6 +79,8 @@ pub enum SourceError {
 pub struct CohortState {
     /// Name of the cohort.
     pub cohort: String,
+    /// Whether the run has not begun, so that there is nothing to see yet.
+    pub waiting: bool,
     /// Whether a coordinator holds the run at present.
     pub coordinator_running: bool,
     /// Number of patients by state.

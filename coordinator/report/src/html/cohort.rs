@@ -292,8 +292,8 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
         x,
         Axis::new("error (%)", "%", scale),
     );
-    chart.size = (560.0, 240.0);
-    chart.margins = [50.0, 10.0, 12.0, 26.0];
+    chart.size = (420.0, 240.0);
+    chart.margins = [50.0, 8.0, 12.0, 26.0];
     chart.reading = Reading::Off;
     for (k, b) in Biomarker::TABLE_2.into_iter().enumerate() {
         let centre = k as f64 + 1.0;

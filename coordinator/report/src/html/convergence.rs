@@ -11,7 +11,7 @@ use crate::results::PatientView;
 use crate::results::columns::Columns;
 
 const SMALL: (f64, f64) = (300.0, 190.0);
-const SMALL_MARGINS: [f64; 4] = [48.0, 12.0, 14.0, 38.0];
+const SMALL_MARGINS: [f64; 4] = [54.0, 12.0, 14.0, 42.0];
 
 fn iteration_axis(iterations: &[IterationRecord]) -> Axis {
     let last = iterations.iter().map(|i| i.number).max().unwrap_or(1);

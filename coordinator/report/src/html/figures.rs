@@ -8,7 +8,7 @@ use maud::{Markup, html};
 use super::format::{fixed, significant};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, Series, SvgText};
 pub use crate::results::signals::at;
-use crate::results::{PatientView, SignalKind, Signals, Source, Step};
+use crate::results::{PatientView, SignalKind, Signals, Source, Step, twin};
 
 /// Order in which lines are drawn; the measured one comes last and lies on top.
 const SOURCES: [Source; 4] = [
@@ -427,6 +427,19 @@ pub fn cell(patient: &PatientRecord, signals: &Signals, kind: SignalKind) -> Opt
     for line in &mut chart.series {
         line.name = cell_line_name(line.class == Source::Step1.name()).to_owned();
     }
+    if kind == SignalKind::Calcium
+        && let Some(points) = twin::calcium(patient)
+    {
+        let all = chart.series.iter().flat_map(|line| &line.points);
+        let values = all.chain(&points).map(|p| p.1);
+        chart.y.scale = Scale::linear(values, true)?;
+        chart.series.push(Series {
+            class: Source::Step3.name(),
+            name: TWIN.to_owned(),
+            points,
+            dots: false,
+        });
+    }
     if kind == SignalKind::Stretch
         && let Some(targets) = &patient.targets
     {
@@ -444,6 +457,9 @@ pub fn cell(patient: &PatientRecord, signals: &Signals, kind: SignalKind) -> Opt
     }
     Some(chart)
 }
+
+/// Name of the twin's line in the cell's charts.
+pub const TWIN: &str = "twin's cell";
 
 /// Name of a line in the cell's charts: the median over nodes if `target`, otherwise the fitted
 /// cell.

@@ -8,7 +8,7 @@ use crate::results::Signals;
 /// The section of a patient as an HTML element, without scripts and inline styles.
 #[must_use]
 pub fn patient_section(record: &PatientRecord) -> String {
-    patient::section(record, &Signals::read(record)).into_string()
+    patient::section(record, &Signals::read(record), None).into_string()
 }
 
 /// Style sheet of all sections.

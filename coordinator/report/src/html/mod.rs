@@ -5,7 +5,9 @@
 //! beside it.
 
 mod afterload;
+mod anchor;
 mod calcium_fit;
+mod cell_parameters;
 mod cohort;
 mod convergence;
 mod discovery;

@@ -28,7 +28,7 @@ pub fn table(patient: &PatientRecord) -> Option<Markup> {
             caption { "Motion" span.quiet { ", against the normal range" } }
             thead { tr {
                 th scope="col" { "" } th.unit scope="col" { "unit" }
-                @for (_, name) in &steps { th scope="col" { (name) } th scope="col" { "" } }
+                @for (_, name) in &steps { th.num scope="col" { (name) } th scope="col" { "" } }
                 th scope="col" { "normal" } th scope="col" { "source" }
             } }
             tbody {

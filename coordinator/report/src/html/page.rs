@@ -13,8 +13,9 @@ use crate::results::{WriteError, atomic};
 const CSS: &str = include_str!("report.css");
 /// Script of all pages.
 pub const JS: &str = include_str!("report.js");
-/// Scripts that add to it: sorting and downloads, time slider. They stand alone, so that one that
-/// fails leaves the others.
+/// Scripts that add to it: one view at a time, sorting and downloads, time slider. They stand alone, so
+/// that one that fails leaves the others.
+const VIEWS_JS: &str = include_str!("views.js");
 const TABLES_JS: &str = include_str!("tables.js");
 const PLAYER_JS: &str = include_str!("player.js");
 /// Viewer of the beating heart, which defines `cardiotwinHeart`.
@@ -23,6 +24,10 @@ pub const HEART_JS: &str = include_str!("heart.js");
 /// `#dark` and `#light` in the address override the stored theme.
 const THEME_JS: &str = "(function(){var h=location.hash.slice(1),t=h==='dark'||h==='light'?h:null;\
 try{t=t||localStorage.getItem('cardiotwin-theme')}catch(e){}if(t)document.documentElement.dataset.theme=t})()";
+
+/// Script that keeps the page empty until it is known which view is shown, so that no other one flashes.
+const LOADING_JS: &str = "document.documentElement.dataset.views='loading';\
+addEventListener('DOMContentLoaded',function(){delete document.documentElement.dataset.views})";
 
 /// The style sheet of a page.
 fn style(content: &Markup) -> String {
@@ -54,6 +59,7 @@ pub fn sheet(with_heart: bool) -> String {
 /// A whole page with navigation and content.
 #[must_use]
 pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
+    let has_views = content.0.contains("class=\"view") || content.0.contains(" view\"");
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -65,10 +71,12 @@ pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
                 link rel="icon" href="data:,";
                 style { (PreEscaped(style(content))) }
                 script { (PreEscaped(THEME_JS)) }
+                @if has_views { script { (PreEscaped(LOADING_JS)) } }
             }
             body {
                 (nav)
                 main { (content) }
+                @if has_views { script { (PreEscaped(VIEWS_JS)) } }
                 script { (PreEscaped(JS)) }
                 script { (PreEscaped(TABLES_JS)) }
                 @if content.0.contains("class=\"heart-data\"") { script { (PreEscaped(HEART_JS)) } }
@@ -78,15 +86,26 @@ pub fn page(title: &str, nav: &Markup, content: &Markup) -> Markup {
     }
 }
 
-/// Navigation that stays in sight: the cohort, followed by the patients with a sign for their
-/// state.
+/// Navigation that stays in sight: the cohort with its sections, followed by the patients with a sign
+/// for their state.
+///
+/// - `sections`: anchor and title of each section of the cohort's view, shown while that view is
 #[must_use]
-pub fn nav(run: &RunRecord, home: &str, patients: &[PatientRecord], link: Link) -> Markup {
+pub fn nav(
+    run: &RunRecord,
+    home: &str,
+    sections: &[(&str, &str)],
+    patients: &[PatientRecord],
+    link: Link,
+) -> Markup {
     html! {
         nav aria-label="patients" {
             div.navhead {
                 a.home href=(home) { (run.cohort) }
                 button.theme type="button" title="light or dark" aria-label="switch between light and dark" { "◐" }
+            }
+            @if !sections.is_empty() {
+                ol.sections { @for (anchor, title) in sections { li { a href={ "#" (anchor) } { (title) } } } }
             }
             ol {
                 @for p in patients {
@@ -94,6 +113,7 @@ pub fn nav(run: &RunRecord, home: &str, patients: &[PatientRecord], link: Link) 
                     li { a href=(link(p)) title=(words) { span class={ "sign " (class) } aria-hidden="true" { (sign) } " " (p.plan.id) } }
                 }
             }
+            @if !sections.is_empty() { a.everything href="#all" title="all views on one page, to search or to print" { "everything" } }
         }
     }
 }

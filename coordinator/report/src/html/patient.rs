@@ -5,6 +5,8 @@ use cardiotwin_schemas::record::{PatientRecord, Step1Quality, Step3Ending};
 use cardiotwin_schemas::status::PatientState;
 use maud::{Markup, html};
 
+use super::anchor;
+use super::cell_parameters;
 use super::convergence;
 use super::figures::{self, figure, legend, line_name};
 use super::format::{count, duration, fixed, percent, significant, symbol};
@@ -14,7 +16,7 @@ use super::organ_law;
 use super::posterior;
 use super::provenance;
 use super::tables;
-use crate::results::{PatientView, SignalKind, Signals, Source, Step};
+use crate::results::{PatientView, SignalKind, Signals, Source, Step, twin};
 
 /// State of a patient for a badge: a class of the style sheet, a sign, and words, so that colour is
 /// not needed.
@@ -347,13 +349,28 @@ fn cell(patient: &PatientRecord, signals: &Signals) -> Markup {
     let evolution = convergence::evolution(patient);
     let absent = evolution.as_ref().err().cloned().unwrap_or_default();
     let median_calcium = signals.get(Source::Step1, SignalKind::Calcium).is_some();
-    let note = html! { @if !median_calcium { span.quiet { ": only of the fitted cell, since the Tanh model has none" } } };
+    let has_twin = twin::calcium(patient).is_some();
+    let note = html! {
+        @if has_twin { span.quiet { ": the twin has the solid line" } }
+        @else if !median_calcium { span.quiet { ": only of the fitted cell, since the Tanh model has none" } }
+    };
+    let mut lines = vec![
+        (
+            Source::Step1.name(),
+            figures::cell_line_name(true).to_owned(),
+        ),
+        (
+            Source::Step2.name(),
+            figures::cell_line_name(false).to_owned(),
+        ),
+    ];
+    if has_twin {
+        lines.push((Source::Step3.name(), figures::TWIN.to_owned()));
+    }
     html! {
         h3 { "Step 2: cell" }
-        (legend(&[
-            (Source::Step1.name(), figures::cell_line_name(true).to_owned()),
-            (Source::Step2.name(), figures::cell_line_name(false).to_owned()),
-        ]))
+        (legend(&lines))
+        @if has_twin { p.quiet { "The cell was fitted against a spring. In the organ it was changed until the beat met the measurements: the twin has that cell, and its own calcium." } }
         div.figures {
             (figure("Active stress", figures::cell(patient, signals, SignalKind::ActiveStress), "No active stress was recorded.", &Markup::default()))
             (figure("Calcium", figures::cell(patient, signals, SignalKind::Calcium), "No calcium was recorded: step 2 has not finished.", &note))
@@ -363,39 +380,112 @@ fn cell(patient: &PatientRecord, signals: &Signals) -> Markup {
     }
 }
 
-/// The section of a patient: summary, notes, figures and tables.
-#[must_use]
-pub fn section(patient: &PatientRecord, signals: &Signals) -> Markup {
-    let (class, sign, words) = standing(patient);
+/// Links around a patient's view.
+#[derive(Debug, Clone, Default)]
+pub struct Around {
+    /// Link and name of the patient before and of the one after.
+    pub neighbours: [Option<(String, String)>; 2],
+    /// Link to what a search for missing effects found for the patient.
+    pub missing: Option<String>,
+}
+
+/// A part of the view, which has an anchor of its own.
+struct Part {
+    key: &'static str,
+    title: &'static str,
+    content: Markup,
+}
+
+/// The parts that have something to show, in the order of the workflow.
+fn parts(patient: &PatientRecord, signals: &Signals) -> Vec<Part> {
     let drawn = organ_3d::Drawn::of(patient);
+    let first = html! {
+        (summary(patient))
+        (flags(patient, signals))
+        (beat(patient, signals, &drawn))
+        div.tables { (tables::biomarkers(patient)) }
+    };
+    let numbers = html! {
+        h3 { "Numbers" }
+        div.tables {
+            @if let Some(table) = motion::table(patient) { (table) }
+            @if let Some(table) = tables::step1_parameters(patient) { (table) }
+            @if let Some(fit) = &patient.cell_fit {
+                (cell_parameters::table(patient, &fit.result))
+                (tables::cell_fit(&fit.result))
+            }
+            @if let Some(table) = tables::passive_and_loads(patient) { (table) }
+        }
+        (provenance::details(patient))
+    };
+    let all = [
+        ("beat", "Beat", first),
+        ("step-1", "Step 1", step1(patient)),
+        ("step-2", "Step 2", cell(patient, signals)),
+        ("law", "Organ's law", organ_law::part(patient)),
+        (
+            "uncertainty",
+            "Uncertainty",
+            posterior::part(patient, signals),
+        ),
+        (
+            "ventricle",
+            "3D ventricle",
+            organ_3d::part(patient, signals, &drawn),
+        ),
+        ("numbers", "Numbers", numbers),
+    ];
+    let part = |(key, title, content)| Part {
+        key,
+        title,
+        content,
+    };
+    let shown = all.map(part).into_iter();
+    shown.filter(|part| !part.content.0.is_empty()).collect()
+}
+
+/// The section of a patient: summary, notes, figures and tables.
+///
+/// - `around`: links to other views and to the parts of this one; without it there are none
+#[must_use]
+pub fn section(patient: &PatientRecord, signals: &Signals, around: Option<&Around>) -> Markup {
+    let (class, sign, words) = standing(patient);
+    let anchor = anchor::of(patient.plan.id.as_str());
+    let parts = parts(patient, signals);
     html! {
-        section.patient id={ "p-" (patient.plan.id) } {
+        section.patient.view id=(anchor) {
             header {
                 h2 { (patient.plan.id) }
                 span class={ "badge " (class) } { (sign) " " (words) }
                 span.quiet { "cycle " (significant(patient.plan.step0.cycle_length_ms, 4)) " ms" }
                 @if let Some(seconds) = PatientView(patient).wall_s() { span.quiet { "computed in " (duration(seconds)) } }
+                @if let Some(around) = around { (neighbours(around)) }
             }
-            (summary(patient))
-            (flags(patient, signals))
-            (beat(patient, signals, &drawn))
-            (step1(patient))
-            (cell(patient, signals))
-            (organ_law::part(patient))
-            (posterior::part(patient, signals))
-            (organ_3d::part(patient, signals, &drawn))
-            h3 { "Numbers" }
-            div.tables {
-                (tables::biomarkers(patient))
-                @if let Some(table) = motion::table(patient) { (table) }
-                @if let Some(table) = tables::step1_parameters(patient) { (table) }
-                @if let Some(fit) = &patient.cell_fit {
-                    (tables::cell_parameters(&fit.result))
-                    (tables::cell_fit(&fit.result))
+            @if let Some(around) = around {
+                div.parts role="navigation" aria-label={ "parts of " (patient.plan.id) } {
+                    @for (k, part) in parts.iter().enumerate() {
+                        @let to = if k == 0 { anchor.clone() } else { anchor::part(&anchor, part.key) };
+                        a href={ "#" (to) } data-part=(part.key) { (part.title) }
+                    }
+                    @if let Some(missing) = &around.missing { a href=(missing) { "Missing effects" } }
                 }
-                @if let Some(table) = tables::passive_and_loads(patient) { (table) }
             }
-            (provenance::details(patient))
+            @for part in &parts { div.part id=(anchor::part(&anchor, part.key)) data-part=(part.key) { (part.content) } }
+        }
+    }
+}
+
+fn neighbours(around: &Around) -> Markup {
+    let ways = [("prev", "←", "before"), ("next", "→", "after")];
+    html! {
+        span.neighbours {
+            @for ((rel, sign, place), neighbour) in std::iter::zip(ways, &around.neighbours) {
+                @if let Some((link, name)) = neighbour {
+                    a rel=(rel) href=(link) title={ "the patient " (place) " this one" } {
+                        @if rel == "prev" { (sign) " " (name) } @else { (name) " " (sign) }
+                    }
+                }
+            }
         }
     }
 }

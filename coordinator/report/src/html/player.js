@@ -43,6 +43,7 @@
     player.append(button, slider, output);
     player.hidden = false;
 
+    const at = make("span", { class: "at", title: "time in the beat" });
     let now = 0, playing = false, heart = null, wanted = null;
     const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -83,6 +84,7 @@
       }
       if (loop) mark(loop, dots);
       output.textContent = [`${Math.round(ms)} ms`, ...words].join(" · ");
+      at.textContent = `${Math.round(ms)} ms`;
     };
 
     const shown = (on) => {
@@ -134,7 +136,7 @@
     const reset = make("button", { type: "button" }, "reset");
     const place = make("div", { class: "stage" });
     const caption = make("figcaption", {}, make("b", {}, "Heart"), make("span", { class: "quiet" }, `, ${given.dataset.name}: drag to turn, click and wheel to zoom`));
-    const figure = make("figure", { class: "moving" }, caption, make("p", { class: "controls" }, field, bar, whole, turn, reset), place);
+    const figure = make("figure", { class: "moving" }, caption, make("p", { class: "controls" }, field, bar, at, whole, turn, reset), place);
     const fresh = () => make("canvas", {
       role: "img", "aria-label": `${given.dataset.name} in 3D over the beat; arrow keys turn, plus and minus zoom, space plays, Home resets`,
     });
@@ -195,6 +197,6 @@
     };
     near.observe(figure);
     const box = figure.getBoundingClientRect();
-    if (box.top < innerHeight && box.bottom > 0) enter();
+    if (!figure.closest("[hidden]") && box.top < innerHeight && box.bottom > 0) enter();
   }
 })();

@@ -11,8 +11,8 @@
   addEventListener("hashchange", () => { if (location.hash === "#dark" || location.hash === "#light") set(location.hash.slice(1)); });
   addEventListener("beforeprint", () => { for (const d of document.querySelectorAll("details")) d.open = true; });
 
-  // Where one is.
-  const links = new Map([...document.querySelectorAll('nav a[href^="#p-"]')].map((a) => [decodeURIComponent(a.hash.slice(1)), a]));
+  // Where one is, on a page without views.
+  const links = new Map([...document.querySelectorAll('body > nav a[href^="#"]')].map((a) => [decodeURIComponent(a.hash.slice(1)), a]));
   const seen = new IntersectionObserver((entries) => {
     for (const e of entries) {
       const link = links.get(e.target.id);
@@ -24,7 +24,7 @@
       } else link.removeAttribute("aria-current");
     }
   }, { rootMargin: "-15% 0px -80% 0px" });
-  for (const s of document.querySelectorAll("section.patient")) seen.observe(s);
+  for (const s of document.querySelectorAll("section.patient:not(.view)")) seen.observe(s);
 
   // Reading values off.
   const readout = document.createElement("div");

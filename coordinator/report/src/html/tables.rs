@@ -6,7 +6,7 @@ use cardiotwin_schemas::biomarkers::{Biomarker, CELL_BIOMARKERS};
 use cardiotwin_schemas::finite_element::VentricleFigures;
 use cardiotwin_schemas::label::Label;
 use cardiotwin_schemas::organ::{ActivationSpec, OneFibrePassive, OrganSpec};
-use cardiotwin_schemas::outcome::{CellFitResult, FittedParameter, OrganBeatResult};
+use cardiotwin_schemas::outcome::{CellFitResult, OrganBeatResult};
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::step1::Step1Parameter;
 use maud::{Markup, html};
@@ -25,7 +25,7 @@ pub fn scrolling(table: &Markup) -> Markup {
 }
 
 /// Cell with the unit of a key.
-fn unit(key: &str) -> Markup {
+pub(super) fn unit(key: &str) -> Markup {
     let unit = Label::of(key).map_or("", |l| l.unit);
     html! { td.unit { (unit) } }
 }
@@ -89,7 +89,7 @@ fn digits(biomarker: Biomarker, value: Option<f64>) -> String {
 
 /// Cells with a bar that shows a value and its near-optimal interval between the bounds, and with
 /// words if the value lies on a bound.
-fn bounds(
+pub(super) fn bounds(
     value: f64,
     lower: f64,
     upper: f64,
@@ -129,7 +129,8 @@ fn bounds(
     }
 }
 
-fn on_bound(value: f64, [lower, upper]: [f64; 2]) -> bool {
+/// Whether a value lies on one of its bounds.
+pub(super) fn on_bound(value: f64, [lower, upper]: [f64; 2]) -> bool {
     (value - lower).abs() <= ON_BOUND * lower.abs()
         || (value - upper).abs() <= ON_BOUND * upper.abs()
 }
@@ -165,46 +166,6 @@ pub fn step1_parameters(patient: &PatientRecord) -> Option<Markup> {
             }
         }
     }))
-}
-
-/// Table of the fitted cell's parameters.
-#[must_use]
-pub fn cell_parameters(fit: &CellFitResult) -> Markup {
-    let row = |p: &FittedParameter| {
-        html! {
-            tr {
-                th scope="row" { (symbol(&p.name)) } (unit(&p.name))
-                td.num { b { (significant(p.value, 4)) } }
-                (bounds(p.value, p.lower, p.upper, p.at_bound, false, p.near_optimal.map(|near| [near.lower, near.upper])))
-                @if fit.identifiability.is_some() {
-                    td.num { @if let Some(near) = p.near_optimal { (significant(near.lower, 3)) " to " (significant(near.upper, 3)) } }
-                    td.flag { @if let Some(near) = p.near_optimal { (near.mark.as_str()) } }
-                }
-            }
-        }
-    };
-    let on_bounds = fit.parameters.iter().filter(|p| p.at_bound).count();
-    scrolling(&html! {
-        table {
-            caption {
-                "Step 2: Land and Rice models"
-                @if on_bounds > 0 { span.quiet { ", " (on_bounds) " of " (fit.parameters.len()) " on a bound" } }
-                @if let Some(found) = &fit.identifiability {
-                    span.quiet {
-                        "; near-optimal (thick line): with these values and all other parameters refitted, a cost of at most "
-                        (significant(found.threshold, 3)) " is reached"
-                        @if !found.complete { "; some intervals may be wider" }
-                    }
-                }
-            }
-            thead { tr {
-                th scope="col" { "" } th.unit scope="col" { "unit" } th scope="col" { "fitted" }
-                th scope="col" { "lower" } th scope="col" { "between" } th scope="col" { "upper" } th scope="col" { "" }
-                @if fit.identifiability.is_some() { th scope="col" { "near-optimal" } th scope="col" { "" } }
-            } }
-            tbody { @for p in &fit.parameters { (row(p)) } }
-        }
-    })
 }
 
 /// Decimals of a cell's biomarkers in tables, in the order of [`CELL_BIOMARKERS`].

@@ -11,7 +11,8 @@ use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use maud::{Markup, PreEscaped, html};
 
 use super::page::write;
-use super::{cohort, discovery, figures, page, patient, summary};
+use super::patient::Around;
+use super::{anchor, cohort, discovery, figures, page, patient, summary};
 use crate::results::{Signals, WriteError};
 
 /// Largest number of patients in a report of one file.
@@ -62,7 +63,8 @@ pub fn write_report(
 /// A page with the section of one patient, which needs no other file.
 #[must_use]
 pub fn patient_page(record: &PatientRecord) -> String {
-    let section = patient::section(record, &Signals::read(record));
+    let around = Around::default();
+    let section = patient::section(record, &Signals::read(record), Some(&around));
     let title = format!("{} · cardiotwin", record.plan.id);
     page::page(&title, &html! {}, &section).0
 }
@@ -72,7 +74,8 @@ fn one_file(
     discovered: Option<&DiscoverCases>,
     out: &Path,
 ) -> Result<ReportPaths, WriteError> {
-    let link = |p: &PatientRecord| format!("#p-{}", p.plan.id);
+    let link = |p: &PatientRecord| format!("#{}", anchor::of(p.plan.id.as_str()));
+    let named = |p: &PatientRecord| (link(p), p.plan.id.to_string());
     let top = run
         .patients
         .iter()
@@ -80,20 +83,32 @@ fn one_file(
         .fold(1.0, f64::max);
     let mut tiles = Vec::new();
     let mut sections = Vec::new();
-    for p in &run.patients {
+    for (i, p) in run.patients.iter().enumerate() {
         let signals = Signals::read(p);
         if let Some(chart) = figures::small_pressure(p, &signals, top) {
             tiles.push((p.plan.id.to_string(), link(p), chart.render()));
         }
-        sections.push(patient::section(p, &signals));
+        let before = i.checked_sub(1).and_then(|i| run.patients.get(i));
+        let neighbours = [before, run.patients.get(i + 1)].map(|p| p.map(named));
+        let id = p.plan.id.as_str();
+        let found = discovered.filter(|cases| cases.contains_key(id));
+        let missing = found.map(|_| format!("#{}", anchor::missing(id)));
+        let around = Around {
+            neighbours,
+            missing,
+        };
+        sections.push(patient::section(p, &signals, Some(&around)));
     }
     let content = html! {
-        (overview(run, &link))
-        (at_a_glance(&tiles, 0))
+        div.view id="cohort" {
+            (overview(run, &link))
+            (at_a_glance(&tiles, 0))
+        }
         @for section in &sections { (section) }
-        @if let Some(cases) = discovered { div.beyond { (discovery::part(cases)) } }
+        @if let Some(cases) = discovered { (discovery::part(cases)) }
     };
-    let nav = page::nav(run, "#top", &run.patients, &link);
+    let shown = sections_of(&content, discovered.is_some());
+    let nav = page::nav(run, "#top", &shown, &run.patients, &link);
     write(
         out,
         &page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content),
@@ -135,7 +150,9 @@ fn index(
         // Only neighbours are linked: with every patient on every page, the report would grow with
         // the square of the cohort's size.
         let near = &run.patients[i.saturating_sub(12)..run.patients.len().min(i + 13)];
-        let nav = page::nav(run, &home, near, &|p| of[p.plan.id.as_str()].to_owned());
+        let nav = page::nav(run, &home, &[], near, &|p| {
+            of[p.plan.id.as_str()].to_owned()
+        });
         let title = format!("{} · {} · cardiotwin", p.plan.id, run.cohort);
         let file = folder.join(&names[i]);
         let stamp = stamp(p, &title, &nav);
@@ -150,7 +167,15 @@ fn index(
             tiles.push((p.plan.id.to_string(), from_index(p), chart.render()));
         }
         if !is_current {
-            let page = page::page(&title, &nav, &patient::section(p, &signals));
+            let named =
+                |p: &PatientRecord| (of[p.plan.id.as_str()].to_owned(), p.plan.id.to_string());
+            let before = i.checked_sub(1).and_then(|i| run.patients.get(i));
+            let neighbours = [before, run.patients.get(i + 1)].map(|p| p.map(named));
+            let around = Around {
+                neighbours,
+                missing: None,
+            };
+            let page = page::page(&title, &nav, &patient::section(p, &signals, Some(&around)));
             write(&file, &PreEscaped(format!("{stamp}{}", page.0)))?;
         }
         written.push(file);
@@ -166,7 +191,7 @@ fn index(
         .take(ONE_FILE)
         .map(|i| run.patients[*i].clone())
         .collect();
-    let nav = page::nav(run, "#top", &unfinished, &from_index);
+    let nav = page::nav(run, "#top", &[], &unfinished, &from_index);
     let page = page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content);
     let mark = mark(&run.revision, discovered);
     write(out, &PreEscaped(format!("{mark}{}", page.0)))?;
@@ -232,6 +257,22 @@ fn overview(run: &RunRecord, link: cohort::Link) -> Markup {
             (cohort::table(run, link))
         }
     }
+}
+
+/// Sections of the cohort's view that `content` has: anchor and title.
+fn sections_of(content: &Markup, discovered: bool) -> Vec<(&'static str, &'static str)> {
+    let all = [
+        ("errors", "Errors"),
+        ("notes", "Notes"),
+        ("patients", "Patients"),
+        ("pressures", "Pressures"),
+    ];
+    let has = |anchor: &str| content.0.contains(&format!("<h2 id=\"{anchor}\""));
+    let mut found: Vec<_> = all.into_iter().filter(|(anchor, _)| has(anchor)).collect();
+    if discovered {
+        found.push(("missing", "Missing effects"));
+    }
+    found
 }
 
 /// Plots of all patients side by side, which a printed summary leaves out.

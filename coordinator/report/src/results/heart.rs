@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use cardiotwin_schemas::formats::{FormatError, HEART};
 use cardiotwin_schemas::heart::{HeartBeat, HeartPart, HeartSurface};
-use cardiotwin_schemas::record::PatientRecord;
+use cardiotwin_schemas::outcome::OrganBeatResult;
+use cardiotwin_schemas::record::{PatientRecord, TaskRecord};
 
 use super::comparison::PatientView;
 
@@ -42,15 +43,16 @@ pub struct HeartFile {
 }
 
 impl HeartFile {
-    /// The surface of the iterate that step 1 took; `None` if it left no surface.
+    /// The surface of the twin's beat, or of step 1's result before there is a twin; `None` if neither
+    /// left a surface.
     ///
     /// # Errors
     /// [`HeartError`] with the file.
     pub fn read(patient: &PatientRecord) -> Result<Option<Self>, HeartError> {
-        let Some(iteration) = PatientView(patient).best_iteration() else {
+        let Some((name, run)) = Self::beat(patient) else {
             return Ok(None);
         };
-        let Some(file) = iteration.run.as_ref().and_then(|run| run.artefact("heart")) else {
+        let Some(file) = run.artefact("heart") else {
             return Ok(None);
         };
         let bytes = match std::fs::read(&file) {
@@ -60,11 +62,31 @@ impl HeartFile {
         let heart: HeartSurface = HEART.read(&file.display(), &bytes)?;
         match wrong(&heart) {
             Some(what) => Err(HeartError::Content { file, what }),
-            None => Ok(Some(Self {
-                name: format!("step 1, iteration {}", iteration.number),
-                heart,
-            })),
+            None => Ok(Some(Self { name, heart })),
         }
+    }
+
+    /// The beat whose surface is shown, in words: the twin's, or the result of step 1 where the twin's
+    /// beat left none; `None` if no beat left a surface.
+    #[must_use]
+    pub fn beat(patient: &PatientRecord) -> Option<(String, &TaskRecord<OrganBeatResult>)> {
+        let view = PatientView(patient);
+        let of_step3 = view.step3_beat().map(|run| {
+            let number = patient.step3.as_ref().map_or(0, |s| s.best_iteration);
+            (format!("the twin: step 3, beat {number}"), run)
+        });
+        let verification = || {
+            let name = "the twin: step 2's verification beat".to_owned();
+            patient.verification.as_ref().map(|run| (name, run))
+        };
+        let of_step1 = view.best_iteration().and_then(|i| {
+            let name = format!("step 1, iteration {}", i.number);
+            Some((name, i.run.as_ref()?))
+        });
+        let twin = of_step3.or_else(verification);
+        let all = twin.into_iter().chain(of_step1);
+        let mut left = all.filter(|(_, run)| run.artefact("heart").is_some());
+        left.next()
     }
 }
 

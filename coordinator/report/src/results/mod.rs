@@ -13,6 +13,7 @@ pub mod learned_law;
 pub mod model;
 pub mod signals;
 pub mod spread;
+pub mod twin;
 mod write_error;
 
 pub use comparison::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step};

@@ -56,6 +56,9 @@ pub async fn execute(args: &DashboardArgs, talk: &Talk) -> Result<Exit, CliError
     if args.open {
         open_in_viewer(server.url(), talk);
     }
+    if !source.has_begun().await {
+        talk.hint("the run has not begun: the page waits for `cardiotwin run`");
+    }
     talk.hint(
         "open this address in a browser on this machine; Ctrl-C ends the dashboard, not the run",
     );

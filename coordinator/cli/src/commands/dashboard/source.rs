@@ -12,7 +12,7 @@ use cardiotwin_dashboard::{
 use cardiotwin_engine::clock;
 use cardiotwin_engine::{AttemptRecord, Reader, StoreError};
 use cardiotwin_report::html;
-use cardiotwin_report::results::{HeartFile, PatientView};
+use cardiotwin_report::results::HeartFile;
 use cardiotwin_schemas::heart::HeartSurface;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::PatientRecord;
@@ -23,7 +23,7 @@ use crate::commands::compare::compare;
 use crate::commands::logs::end_of_logs;
 use crate::error::CliError;
 use crate::estimate::estimate;
-use crate::place::Folders;
+use crate::place::{Folders, is_cohort};
 use crate::store::open;
 use crate::talk::with_causes;
 
@@ -36,7 +36,8 @@ const ESTIMATE_PERIOD_MS: i64 = 5_000;
 pub struct RunSource {
     folders: Folders,
     others: Vec<Folders>,
-    opened: RwLock<Opened>,
+    /// The run's database; `None` while the run has not begun.
+    opened: RwLock<Option<Opened>>,
     /// The last expected end, and the time at which it was estimated.
     estimated: Mutex<(i64, Option<Estimate>)>,
 }
@@ -69,7 +70,8 @@ fn is_replaced(before: &Files, now: &Files, live: bool) -> bool {
 }
 
 impl RunSource {
-    /// Opens the run, and looks whether the others can be opened.
+    /// Opens the run, and looks whether the others can be opened. A cohort whose run has not begun is
+    /// waited for.
     ///
     /// # Errors
     /// Errors of the store.
@@ -78,18 +80,47 @@ impl RunSource {
             open(other).await?;
         }
         let files = files_of(&folders.run);
-        let reader = Arc::new(open(&folders).await?);
-        let opened = RwLock::new(Opened { reader, files });
+        let is_cohort = folders
+            .cohort
+            .as_ref()
+            .is_some_and(|cohort| is_cohort(cohort));
+        let opened = match Reader::open(&folders.run).await {
+            Ok(reader) => Some(Opened {
+                reader: Arc::new(reader),
+                files,
+            }),
+            Err(StoreError::Missing { .. }) if is_cohort => None,
+            Err(error) => return Err(error.into()),
+        };
         Ok(Self {
             folders,
             others,
-            opened,
+            opened: RwLock::new(opened),
             estimated: Mutex::default(),
         })
     }
 
-    async fn reader(&self) -> Arc<Reader> {
-        Arc::clone(&self.opened.read().await.reader)
+    /// Whether there is a run to look at.
+    pub async fn has_begun(&self) -> bool {
+        self.opened.read().await.is_some()
+    }
+
+    async fn reader(&self) -> Result<Arc<Reader>, SourceError> {
+        let opened = self.opened.read().await;
+        let reader = opened.as_ref().map(|opened| Arc::clone(&opened.reader));
+        reader.ok_or_else(|| SourceError::Unreadable("the run has not begun".to_owned()))
+    }
+
+    /// State of a cohort whose run has not begun: its name.
+    fn waiting(&self) -> CohortState {
+        let folder = self.folders.cohort.as_ref().unwrap_or(&self.folders.run);
+        let whole = folder.canonicalize().unwrap_or_else(|_| folder.clone());
+        let name = whole.file_name().unwrap_or(whole.as_os_str());
+        CohortState {
+            cohort: name.to_string_lossy().into_owned(),
+            waiting: true,
+            ..CohortState::default()
+        }
     }
 
     /// Expected end of a local run. It is kept for a while, because its question looks at every
@@ -108,7 +139,7 @@ impl RunSource {
     }
 
     async fn record(&self, patient: &str) -> Result<PatientRecord, SourceError> {
-        let reader = self.reader().await;
+        let reader = self.reader().await?;
         reader
             .patient_record(&PatientId::from(patient))
             .await
@@ -119,15 +150,24 @@ impl RunSource {
 impl Source for RunSource {
     async fn mark(&self) -> Result<String, SourceError> {
         let now = files_of(&self.folders.run);
-        let mut reader = self.reader().await;
+        if !self.has_begun().await {
+            let reader = match Reader::open(&self.folders.run).await {
+                Err(StoreError::Missing { .. }) => return Ok("not begun".to_owned()),
+                opened => Arc::new(opened.map_err(of_store)?),
+            };
+            let files = now.clone();
+            *self.opened.write().await = Some(Opened { reader, files });
+        }
+        let mut reader = self.reader().await?;
         let mut version = reader.data_version().await.map_err(of_store)?;
-        if is_replaced(&self.opened.read().await.files, &now, version.is_some()) {
+        let is_old = |opened: &Opened| is_replaced(&opened.files, &now, version.is_some());
+        if self.opened.read().await.as_ref().is_some_and(is_old) {
             reader = Arc::new(Reader::open(&self.folders.run).await.map_err(of_store)?);
             version = reader.data_version().await.map_err(of_store)?;
-            *self.opened.write().await = Opened {
+            *self.opened.write().await = Some(Opened {
                 reader: Arc::clone(&reader),
                 files: now.clone(),
-            };
+            });
         }
         let contents = match version {
             // A commit of this moment would be missed by the times of files, never by SQLite.
@@ -138,8 +178,11 @@ impl Source for RunSource {
     }
 
     async fn state(&self) -> Result<CohortState, SourceError> {
+        if !self.has_begun().await {
+            return Ok(self.waiting());
+        }
         let now_ms = clock::now_ms();
-        let reader = self.reader().await;
+        let reader = self.reader().await?;
         let status = reader
             .screen_at(usize::MAX, now_ms)
             .await
@@ -153,7 +196,7 @@ impl Source for RunSource {
 
     async fn patient(&self, patient: &str) -> Result<PatientPage, SourceError> {
         let record = self.record(patient).await?;
-        let reader = self.reader().await;
+        let reader = self.reader().await?;
         let attempts = reader.attempts(&record.plan.id).await.map_err(of_store)?;
         let attempts = attempts.iter().map(attempt_row).collect();
         // Traces are read and drawn, which takes longer than an answer to others may wait.
@@ -162,18 +205,14 @@ impl Source for RunSource {
                 html: html::patient_section(&record),
                 attempts,
                 cycle_length_ms: record.plan.step0.cycle_length_ms,
-                heart: PatientView(&record)
-                    .best_iteration()
-                    .and_then(|iteration| iteration.run.as_ref())
-                    .filter(|run| run.artefact("heart").is_some())
-                    .map(|run| run.key.to_string()),
+                heart: HeartFile::beat(&record).map(|(_, run)| run.key.to_string()),
             })
         })
         .await
     }
 
     async fn log(&self, patient: &str, attempt: Option<&str>) -> Result<LogText, SourceError> {
-        let reader = self.reader().await;
+        let reader = self.reader().await?;
         let mut attempts = reader
             .attempts(&PatientId::from(patient))
             .await
@@ -228,7 +267,7 @@ impl Source for RunSource {
             .ok_or_else(|| SourceError::Unknown(format!("there is no other run {index}")))?;
         let other = open(other).await.map_err(|error| unreadable(&error))?;
         let before = other.record().await.map_err(of_store)?;
-        let after = self.reader().await.record().await.map_err(of_store)?;
+        let after = self.reader().await?.record().await.map_err(of_store)?;
         in_background(move || {
             serde_json::to_string(&compare(&before, &after)).map_err(|error| unreadable(&error))
         })
@@ -273,6 +312,7 @@ fn state_of(status: Status, now_ms: i64) -> CohortState {
     });
     CohortState {
         cohort: status.cohort,
+        waiting: false,
         coordinator_running: status.coordinator_running,
         counts: status.counts,
         refused: status.refused,

@@ -9,6 +9,7 @@ use std::path::Path;
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases};
 use maud::{Markup, html};
 
+use super::anchor;
 use super::figures::{figure, legend};
 use super::page::{page, write};
 use super::plot::stacked;
@@ -44,7 +45,7 @@ fn nav(name: &str, cases: &DiscoverCases) -> Markup {
                 a.home href="#" { (name) }
                 button.theme type="button" title="light or dark" aria-label="switch between light and dark" { "◐" }
             }
-            ol { @for id in cases.keys() { li { a href={ "#missing-" (id) } { (id) } } } }
+            ol { @for id in cases.keys() { li { a href={ "#" (anchor::missing(id)) } { (id) } } } }
         }
     }
 }
@@ -52,10 +53,13 @@ fn nav(name: &str, cases: &DiscoverCases) -> Markup {
 /// The cohort's tables and a section for each patient.
 #[must_use]
 pub fn part(cases: &DiscoverCases) -> Markup {
+    let title = html! { h2 { "Missing effects of the model" } };
+    if let [case] = cases.values().collect::<Vec<_>>()[..] {
+        return html! { div.view.beyond id="missing" { (title) (section(case, "patient")) } };
+    }
     html! {
-        h2 id="missing" { "Missing effects of the model" }
-        (cohort(cases))
-        @for case in cases.values() { (section(case)) }
+        div.view.beyond id="missing" { (title) (cohort(cases)) }
+        @for case in cases.values() { (section(case, "patient beyond view")) }
     }
 }
 
@@ -75,7 +79,8 @@ pub fn cohort(cases: &DiscoverCases) -> Markup {
     }
 }
 
-fn section(case: &DiscoverCase) -> Markup {
+/// - `class`: classes of the section, among them `view` if it is a view of its own
+fn section(case: &DiscoverCase, class: &str) -> Markup {
     let found = &case.found;
     let reduced = figures::Compared::reduced(case);
     let with = if found.findings.none {
@@ -91,7 +96,7 @@ fn section(case: &DiscoverCase) -> Markup {
         keys.push(("after", with));
     }
     html! {
-        section.patient id={ "missing-" (case.case) } {
+        section class=(class) id=(anchor::missing(&case.case)) {
             header { h2 { (case.case) } span.badge { (verdict(case)) } }
             p.summary { (case.summary) }
             (legend(&keys))
@@ -240,7 +245,7 @@ mod tests {
 
     #[test]
     fn a_section_shows_ranking_gap_places_and_both_models() {
-        let html = section(&case("P<1>", kick())).into_string();
+        let html = section(&case("P<1>", kick()), "patient").into_string();
         for part in [
             "P&lt;1&gt;",
             "● accepted",
@@ -253,10 +258,10 @@ mod tests {
             assert!(html.contains(part), "{part} is not in {html}");
         }
         assert_eq!(html.matches("class=\"band noise\"").count(), 2);
-        let html = section(&case("P2", nothing())).into_string();
+        let html = section(&case("P2", nothing()), "patient").into_string();
         assert!(html.contains("nothing is missing") && !html.contains("class=\"line after\""));
         assert!(
-            section(&case("P3", unexplained()))
+            section(&case("P3", unexplained()), "patient")
                 .into_string()
                 .contains("Dependence of the unexplained gap")
         );
@@ -286,9 +291,13 @@ mod tests {
     #[test]
     fn the_finite_element_ventricle_is_drawn_where_it_was_simulated() {
         let mut case = case("P1", kick());
-        assert!(!section(&case).into_string().contains("finite-element"));
+        assert!(
+            !section(&case, "patient")
+                .into_string()
+                .contains("finite-element")
+        );
         case.finite_element = Some(finite_element(&case.found));
-        let html = section(&case).into_string();
+        let html = section(&case, "patient").into_string();
         for part in [
             "On the finite-element ventricle",
             "1043 nodes",

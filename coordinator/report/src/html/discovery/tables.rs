@@ -3,6 +3,7 @@
 use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, FiniteElementGap, GapAt, Place};
 use maud::{Markup, html};
 
+use crate::html::anchor;
 use crate::html::format::{fixed, significant, symbol};
 use crate::html::tables::scrolling;
 use crate::results::discovery::faults;
@@ -235,7 +236,7 @@ pub fn patients(cases: &DiscoverCases) -> Markup {
         tbody { @for case in cases.values() {
             @let found = &case.found;
             tr {
-                th scope="row" { a href={ "#missing-" (case.case) } { (case.case) } }
+                th scope="row" { a href={ "#" (anchor::missing(&case.case)) } { (case.case) } }
                 td { (verdict(case)) }
                 (number(Some(found.findings.gap_before))) (number(Some(found.findings.gap_after)))
                 (number(found.findings.gap_heldout_before)) (number(found.findings.gap_heldout_after))
@@ -256,7 +257,7 @@ pub fn finite_elements(cases: &DiscoverCases) -> Markup {
         caption { "Misfit of the finite-element ventricle over the whole beat, rms" }
         thead { tr { th { "patient" } th.unit { "effects" } th.unit { "trace" } th { "before" } th { "after" } th { "change" } } }
         tbody { @for (case, gap) in simulated { @for (name, before, after) in rms_of(gap) { tr {
-            th scope="row" { a href={ "#missing-" (case.case) } { (case.case) } }
+            th scope="row" { a href={ "#" (anchor::missing(&case.case)) } { (case.case) } }
             td { (verdict(case)) } td { (name) }
             (number_of(before, 1)) (number_of(after, 1)) td.num { (change(before, after)) }
         } } } }

@@ -86,6 +86,7 @@ pub fn css() -> String {
          .heart text{fill:var(--fg);stroke:none;font:19px system-ui,-apple-system,\"Segoe UI\",Roboto,\"Noto Sans\",\"DejaVu Sans\",sans-serif}.heart .scale{stroke:var(--fg);stroke-width:1.5;fill:none}\n\
          .hearts{display:grid;grid-template-columns:repeat(4,minmax(0,1fr));gap:.6rem 1.2rem;align-items:end;max-width:100rem}\n\
          @media (max-width:72rem){.hearts{grid-template-columns:repeat(2,minmax(0,1fr))}}\
+         @media screen and (max-width:46rem){.heart text{font-size:30px}.colourbar{white-space:nowrap;font-size:.8rem;margin-right:0}.colourbar svg{width:6rem;flex:0 1 6rem}}\
          @media print{.hearts{grid-template-columns:repeat(4,minmax(0,1fr))}.hearts *{print-color-adjust:exact;-webkit-print-color-adjust:exact}}\n\
          .colourbar{display:inline-flex;align-items:center;gap:.5rem;margin-right:1.6rem}.colourbar svg{width:11rem;height:.8rem;flex:none}\n",
     );

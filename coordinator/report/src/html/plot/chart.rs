@@ -217,12 +217,16 @@ impl Chart {
         }
     }
 
-    fn area(&self) -> [f64; 4] {
+    /// Left and right, upper and lower end of the plot area.
+    #[must_use]
+    pub fn area(&self) -> [f64; 4] {
         let [left, right, top, bottom] = self.margins;
         [left, self.size.0 - right, top, self.size.1 - bottom]
     }
 
-    fn place(&self, x: f64, y: f64) -> Option<(f64, f64)> {
+    /// Place of a value in units of the view box; `None` where a scale has no place for it.
+    #[must_use]
+    pub fn place(&self, x: f64, y: f64) -> Option<(f64, f64)> {
         let [x0, x1, y0, y1] = self.area();
         Some((
             x0 + self.x.scale.fraction(x)? * (x1 - x0),

@@ -145,37 +145,90 @@ fn beats_charts(beats: &BeatLines) -> Option<[Chart; 3]> {
             x: *x,
             class: "phase",
         }));
-    third
-        .marks
-        .extend(event_marks(&beats.events, &beats.mean, y));
+    let marks = event_marks(&beats.events, &beats.mean, &third);
+    third.marks.extend(marks);
     third
         .series
         .push(series("step2", "mean".to_owned(), beats.mean.clone()));
     Some([first, second, third])
 }
 
-/// Marks of named times on a line. Labels are centred where they stand: these are right of their dots,
-/// below a high line and above a low one, so that neither the line nor each other's text is covered.
-fn event_marks(events: &[(&'static str, f64)], line: &Line, scale: Scale) -> Vec<Mark> {
-    let (low, high, _) = scale.ends();
-    let mark = |(name, x): &(&'static str, f64)| {
-        let place = line.partition_point(|point| point.0 <= *x);
-        let y = line.get(place.checked_sub(1)?)?.1;
-        let right = 10.0 + 3.6 * name.chars().count() as f64;
-        let below = if y > low + 0.3 * (high - low) {
-            12.0
-        } else {
-            -8.0
+/// Width of a letter and height of a line of a label, in units of the chart. Bold letters are narrower
+/// in most fonts.
+const LETTER: (f64, f64) = (7.4, 15.0);
+
+/// Left, upper, right and lower end of a box.
+type Box4 = [f64; 4];
+
+fn overlap(a: &Box4, b: &Box4) -> bool {
+    a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]
+}
+
+/// Box of a label whose middle is `dx` right of a point and whose letters stand `dy` below it.
+fn box_of(name: &str, (px, py): (f64, f64), (dx, dy): (f64, f64)) -> Box4 {
+    let half = 0.5 * LETTER.0 * name.chars().count() as f64;
+    let (x, y) = (px + dx, py + dy);
+    [x - half, y - 0.8 * LETTER.1, x + half, y + 0.2 * LETTER.1]
+}
+
+/// Marks of named times on a line. Each label is beside its dot, where it covers neither an earlier
+/// label nor another dot, inside of the chart: preferably right of the dot, below a high line and above
+/// a low one.
+fn event_marks(events: &[(&'static str, f64)], line: &Line, chart: &Chart) -> Vec<Mark> {
+    let (low, high, _) = chart.y.scale.ends();
+    let [left, right, top, bottom] = chart.area();
+    let found: Vec<(&'static str, f64, f64, (f64, f64))> = events
+        .iter()
+        .filter_map(|(name, x)| {
+            let place = line.partition_point(|point| point.0 <= *x);
+            let y = line.get(place.checked_sub(1)?)?.1;
+            Some((*name, *x, y, chart.place(*x, y)?))
+        })
+        .collect();
+    let dot = |(px, py): (f64, f64)| [px - 5.0, py - 5.0, px + 5.0, py + 5.0];
+    let mut taken: Vec<Box4> = found.iter().map(|(.., at)| dot(*at)).collect();
+    let mut marks = Vec::new();
+    for (name, x, y, at) in found {
+        let beside = 10.0 + 0.5 * LETTER.0 * name.chars().count() as f64;
+        let is_high = y > low + 0.3 * (high - low);
+        let first = if is_high { 12.0 } else { -8.0 };
+        // Ever farther away, on either side and in either direction.
+        let steps = (0..8).map(|k| f64::from(k) * LETTER.1);
+        let places = steps.flat_map(|step| {
+            let away = if first > 0.0 {
+                first + step
+            } else {
+                first - step
+            };
+            let other = if first > 0.0 {
+                -8.0 - step
+            } else {
+                12.0 + step
+            };
+            [
+                (beside, away),
+                (beside, other),
+                (-beside, away),
+                (-beside, other),
+            ]
+        });
+        let is_free = |place: &(f64, f64)| {
+            let own = box_of(name, at, *place);
+            let inside = own[0] >= left && own[1] >= top && own[2] <= right && own[3] <= bottom;
+            inside && !taken.iter().any(|other| overlap(&own, other))
         };
-        Some(Mark::Point {
-            x: *x,
+        let mut places = places.into_iter();
+        let (dx, dy) = places.find(is_free).unwrap_or((beside, first));
+        taken.push(box_of(name, at, (dx, dy)));
+        marks.push(Mark::Point {
+            x,
             y,
             class: "event",
             title: format!("{name}: {x:.0} ms"),
-            label: Some(((*name).into(), right, below)),
-        })
-    };
-    events.iter().filter_map(mark).collect()
+            label: Some((name.into(), dx, dy)),
+        });
+    }
+    marks
 }
 
 /// Volume and loop after each step of a preparation.
@@ -285,6 +338,57 @@ fn volume_charts(volume: &VolumeLines) -> Option<Vec<Chart>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Valves that move within a few milliseconds of each other, at any place in the beat.
+    #[test]
+    fn labels_of_events_cover_neither_each_other_nor_a_dot() {
+        let mean: Line = (0..=600)
+            .map(|t| (f64::from(t), 60.0 + 55.0 * (f64::from(t) / 95.0).sin()))
+            .collect();
+        let names = [
+            "aortic valve opens",
+            "aortic valve closes",
+            "mitral valve opens",
+            "mitral valve closes",
+        ];
+        for first in (0..600).step_by(7) {
+            for apart in [0.0, 3.0, 20.0, 60.0] {
+                let time = |k: usize| (f64::from(first) + apart * k as f64).min(600.0);
+                let beats = BeatLines {
+                    kept: vec![mean.clone()],
+                    mean: mean.clone(),
+                    band: [mean.clone(), mean.clone()],
+                    events: names
+                        .iter()
+                        .enumerate()
+                        .map(|(k, name)| (*name, time(k)))
+                        .collect(),
+                    ..BeatLines::default()
+                };
+                let [.., third] = beats_charts(&beats).unwrap();
+                let mut boxes: Vec<Box4> = Vec::new();
+                for mark in &third.marks {
+                    if let Mark::Point {
+                        x,
+                        y,
+                        label: Some((text, dx, dy)),
+                        ..
+                    } = mark
+                    {
+                        let at = third.place(*x, *y).unwrap();
+                        boxes.push(box_of(&text.text, at, (*dx, *dy)));
+                    }
+                }
+                assert_eq!(boxes.len(), 4);
+                for (k, one) in boxes.iter().enumerate() {
+                    assert!(
+                        boxes[k + 1..].iter().all(|other| !overlap(one, other)),
+                        "{first} ms, {apart} ms apart: {boxes:?}"
+                    );
+                }
+            }
+        }
+    }
 
     #[test]
     fn every_beat_is_drawn_and_named_where_it_is_left_out() {

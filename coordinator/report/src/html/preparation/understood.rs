@@ -33,8 +33,7 @@ pub fn understood_svg(beat: &UnderstoodBeat) -> Option<String> {
         "step1",
         &beat.pressure,
     )?;
-    let scale = pressure.y.scale;
-    pressure.marks = event_marks(&beat.events, &beat.pressure, scale);
+    pressure.marks = event_marks(&beat.events, &beat.pressure, &pressure);
     let mut volume = chart(
         "volume over time",
         time(),
