@@ -3,11 +3,10 @@
 
 use cardiotwin_calibrate::organ_law::{LawBeat, fit_law};
 use cardiotwin_models::ventricle::{OneFibrePassive, OrganLaw};
-use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::organ_law::{LawBeatFit, LawCurve, LawError, LawSamples, LearnedLaw};
 use cardiotwin_schemas::task::{InputFile, OrganBeatSpec};
 
-use super::{features, law_wall, learnable_beats, prior_of};
+use super::{law_organ, learnable_beats, prior_of};
 use crate::error::TaskError;
 
 /// Mean active stresses of the curves \[kPa\].
@@ -28,11 +27,11 @@ pub(crate) fn learned_law(
     beats: Option<&[LawSamples]>,
     prior: Option<&InputFile>,
 ) -> Result<Option<LearnedLaw>, TaskError> {
-    let (Some(beats), OrganSpec::FiniteElement(organ)) = (beats, &beat.organ) else {
+    let Some(beats) = beats else {
         return Ok(None);
     };
-    let (wall, features) = (law_wall(&organ.figures)?, features(&organ.figures));
     let before_any = prior_of(prior)?;
+    let (wall, features) = law_organ(&beat.organ, &before_any)?;
     let beats = learnable_beats(&beat.cell_stretch, beats.iter());
     // The law of the first 0, 1, … beats.
     let laws: Vec<OrganLaw> = (0..=beats.len())
@@ -80,9 +79,11 @@ fn pressures(law: &OrganLaw, wall: &OneFibrePassive, beat: &LawBeat<'_>) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tasks::proposal::{features, law_wall};
     use crate::tasks::sweep::organ::tests::beat;
     use cardiotwin_calibrate::organ_law::shipped_prior;
     use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};
+    use cardiotwin_schemas::organ::OrganSpec;
     use cardiotwin_schemas::organ_law::N_LAW_SAMPLES;
 
     fn organ() -> OrganBeatSpec {
