@@ -28,6 +28,7 @@ except ImportError:  # from dolfinx 0.10 on
 MMHG = 133.322387415  # Pa
 SLACK_STRETCH = 1.08  # of the unloaded wall's cells, as cardiotwin's solver.slack_stretch
 EXPONENTS = {"bf": 18.48, "bt": 3.58, "bfs": 1.627}  # Guccione et al. 1995
+BULK = 1e6  # Pa, resists a change of volume
 BASE_SPRING = 1e3  # Pa/mm, holds the base against sliding in its plane
 DEGREE = 4  # of the quadrature
 LONGEST_MM = 6.0  # way of a node in an iteration
@@ -167,9 +168,6 @@ class Wall:
             f0=f0, s0=s0, n0=n0, C=pulse.Variable(self.stiffness, "Pa"),
             **{name: pulse.Variable(dolfinx.fem.Constant(mesh, value), "dimensionless") for name, value in exponents.items()},
         )
-        incompressible = pulse.Incompressible()
-        incompressible.register(p)
-        model = pulse.CardiacModel(material=material, active=pulse.active_model.Passive(), compressibility=incompressible)
         deformation = ufl.Identity(3) + ufl.grad(u)
         right = deformation.T * deformation
         stretch = ufl.sqrt(ufl.inner(f0, right * f0))
@@ -181,7 +179,10 @@ class Wall:
         along = ufl.outer(deformation * f0, f0) / stretch**2
         cavity = heart.volume_form(u=u, marker="ENDO") * heart.ds(heart.markers["ENDO"][0])
         base = heart.ds(heart.markers["BASE"][0])
-        residual = ufl.derivative(model.strain_energy(right) * heart.dx, self.w, test)
+        # Isochoric strains, as in cardiotwin, and a wall that is nearly incompressible.
+        energy = material.strain_energy(pulse.kinematics.Cdev(right))
+        energy += p * (ufl.det(deformation) - 1) - p**2 / (2 * BULK)
+        residual = ufl.derivative(energy * heart.dx, self.w, test)
         residual += ufl.inner(self.active * along, ufl.grad(v)) * heart.dx
         residual -= self.pressure * ufl.derivative(cavity, self.w, test)
         if not clamped:
@@ -219,6 +220,7 @@ class Wall:
         self.solver.setType("preonly")
         self.solver.getPC().setType("lu")
         self.solver.getPC().setFactorSolverType("mumps")
+        self.longest_mm = LONGEST_MM
         self.factored = False
         self.n_factors = self.n_iterations = 0
 
@@ -285,7 +287,7 @@ class Wall:
             own, per_pa = 1e-3 * load @ x, 1e-3 * load @ y
             step = bracketed(lambda dp: volume + own + per_pa * dp * MMHG - left_ml(pressure + dp))
             change = x + y * step * MMHG
-            scale = min(1.0, LONGEST_MM / max(np.abs(change[self.moves]).max(), 1e-12))
+            scale = min(1.0, self.longest_mm / max(np.abs(change[self.moves]).max(), 1e-12))
             self.w.x.array[:] += scale * change
             self.pressure.value = (pressure + scale * step) * MMHG
         raise Diverged(f"no equilibrium after {iteration + 1} iterations: residual {off:.1e}, volume off by {missing:.1e} mL")
