@@ -32,6 +32,7 @@ def solved(problem, edge_mm):
     heart = meshed(AXES, edge_mm)
     wall = Wall(heart, fibres(heart.mesh, AXES, angles), law, clamped=True)
     wall.stiffness.value = 1e3 * stiffness
+    wall.bulk.value = 1e9  # incompressible
     wall.longest_mm = 0.5
     n_steps = 30 if tension == 0 else 40
     before = wall.w.x.array.copy()

@@ -17,7 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # small matrices: threads cost mo
 try:
     import numpy as np
     from cells import model_of
-    from wall import Diverged, Wall, depths, fibres, generated
+    from wall import VISCOSITY, Diverged, Wall, depths, fibres, generated
 except ImportError as missing:
     print(f"{missing}: README.md says how to install it", file=sys.stderr)
     sys.exit(4)
@@ -89,6 +89,7 @@ class Beats:
         """One step to time t, halved where no equilibrium is found."""
         wall, circulation = self.wall, self.circulation
         kept = wall.w.x.array.copy(), float(wall.pressure.value)
+        wall.before.x.array[:], wall.viscosity.value = kept[0], VISCOSITY / dt
         volume, before, state, limit = self.volume, self.stretch, self.state, 1e-5
 
         def cells(stretch):

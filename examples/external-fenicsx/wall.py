@@ -29,6 +29,7 @@ MMHG = 133.322387415  # Pa
 SLACK_STRETCH = 1.08  # of the unloaded wall's cells, as cardiotwin's solver.slack_stretch
 EXPONENTS = {"bf": 18.48, "bt": 3.58, "bfs": 1.627}  # Guccione et al. 1995
 BULK = 1e6  # Pa, resists a change of volume
+VISCOSITY = 2e4  # Pa ms; keeps the relaxed wall from buckling where it is smaller than unloaded
 BASE_SPRING = 1e3  # Pa/mm, holds the base against sliding in its plane
 DEGREE = 4  # of the quadrature
 LONGEST_MM = 6.0  # way of a node in an iteration
@@ -162,6 +163,7 @@ class Wall:
         u, p = ufl.split(self.w)
         v, _ = ufl.split(test)
         self.stiffness = dolfinx.fem.Constant(mesh, 1.0)  # Pa
+        self.bulk = dolfinx.fem.Constant(mesh, BULK)
         self.pressure = dolfinx.fem.Constant(mesh, 0.0)  # Pa
         f0, s0, n0 = fibres
         material = pulse.Guccione(
@@ -181,12 +183,18 @@ class Wall:
         base = heart.ds(heart.markers["BASE"][0])
         # Isochoric strains, as in cardiotwin, and a wall that is nearly incompressible.
         energy = material.strain_energy(pulse.kinematics.Cdev(right))
-        energy += p * (ufl.det(deformation) - 1) - p**2 / (2 * BULK)
+        energy += p * (ufl.det(deformation) - 1) - p**2 / (2 * self.bulk)
         residual = ufl.derivative(energy * heart.dx, self.w, test)
         residual += ufl.inner(self.active * along, ufl.grad(v)) * heart.dx
         residual -= self.pressure * ufl.derivative(cavity, self.w, test)
         if not clamped:
             residual += BASE_SPRING * (u[1] * v[1] + u[2] * v[2]) * base
+        # Viscous stress by the rate of Green's strain over the step; without a rate in statics.
+        self.before = dolfinx.fem.Function(space)
+        self.viscosity = dolfinx.fem.Constant(mesh, 0.0)  # over the step, Pa
+        earlier = ufl.Identity(3) + ufl.grad(ufl.split(self.before)[0])
+        strain = 0.5 * (right - earlier.T * earlier)
+        residual += self.viscosity * ufl.inner(deformation * strain, ufl.grad(v)) * heart.dx
         tangent = ufl.derivative(residual, self.w, trial)
         tangent += ufl.inner(self.slope * ufl.derivative(stretch, self.w, trial) * along, ufl.grad(v)) * heart.dx
         options = {"cffi_extra_compile_args": ["-O2"]}
@@ -285,7 +293,7 @@ class Wall:
             x, y = self.solve(-residual), self.solve(load)
             # Along x + y Δp the volume is linear; with what the circulation leaves it meets in one pressure.
             own, per_pa = 1e-3 * load @ x, 1e-3 * load @ y
-            step = bracketed(lambda dp: volume + own + per_pa * dp * MMHG - left_ml(pressure + dp))
+            step = root(lambda dp: volume + own + per_pa * dp * MMHG - left_ml(pressure + dp))
             change = x + y * step * MMHG
             scale = min(1.0, self.longest_mm / max(np.abs(change[self.moves]).max(), 1e-12))
             self.w.x.array[:] += scale * change
@@ -313,20 +321,24 @@ class Wall:
             self.equilibrium(relaxed, lambda _: edv_ml)
 
 
-def bracketed(function, low=-1.0, high=1.0):
-    """Root of a rising function."""
-    while function(low) > 0:
-        low *= 2
-        if low < -1e6:
+def root(function, nearest=1e-3, farthest=1e5):
+    """The root of a function of one variable that is nearest to zero, up to a factor of two in the search."""
+    at_zero = function(0.0)
+    if at_zero == 0:
+        return 0.0
+    reach = nearest
+    while True:
+        found = [end for end in (-reach, reach) if function(end) * at_zero <= 0]
+        if found:
+            break
+        reach *= 2
+        if reach > farthest:
             raise Diverged("no pressure balances wall and circulation")
-    while function(high) < 0:
-        high *= 2
-        if high > 1e6:
-            raise Diverged("no pressure balances wall and circulation")
+    inner, outer = 0.0, found[0]
     for _ in range(80):
-        middle = 0.5 * (low + high)
-        if function(middle) < 0:
-            low = middle
+        middle = 0.5 * (inner + outer)
+        if function(middle) * at_zero > 0:
+            inner = middle
         else:
-            high = middle
-    return 0.5 * (low + high)
+            outer = middle
+    return 0.5 * (inner + outer)
