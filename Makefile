@@ -43,10 +43,10 @@ demo: deps-demo build ## find a hidden effect, personalise the bundled seven-pat
 test: ## set up what is missing, then pass every check and test; prints how long each part took
 	@.ci/parts.sh
 
-test-all: ## as `make test`, with the long tests of the wheel, the reported numbers, the book and Slurm (how long they took: docs/long-tests.md)
+test-all: ## as `make test`, with the long tests of the wheel, the reported numbers, the book, Slurm and FEniCSx (how long they took: docs/long-tests.md)
 	@CARDIOTWIN_TESTS=all .ci/parts.sh
 
-test-long: ## the long tests alone: the wheel, the reported numbers, the book, kills and ends of jobs on a real Slurm of this machine (how long they took: docs/long-tests.md)
+test-long: ## the long tests alone: the wheel, the reported numbers, the book, kills and ends of jobs on a real Slurm of this machine, FEniCSx in a bare Debian 13 (how long they took: docs/long-tests.md)
 	@CARDIOTWIN_TESTS=long .ci/parts.sh
 
 MPICH_TARGET := $(TARGET)/mpich

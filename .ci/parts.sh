@@ -217,6 +217,11 @@ fi
 long_part 1200 "long tests: book" "$CARGO" test "${everything[@]}" --test book -q -- --show-output
 long_part 300 "long tests: damaged files" "$CARGO" test "${everything[@]}" --test damaged_files -- --ignored
 long_part 1500 "long tests: slurm" "$CARGO" test "${everything[@]}" --test slurm -- --ignored
+if why=$(tests/external-fenicsx.sh --can); then
+    long_part 2400 "long tests: fenicsx" tests/external-fenicsx.sh "$target"
+else
+    skipped "long tests: fenicsx" debian-13 "$why"
+fi
 
 summary
 printf '\nall parts passed; tests:\n%d passed, 0 failed\n' "$n_passed"

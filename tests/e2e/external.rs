@@ -65,6 +65,16 @@ fn a_patient_is_personalised_with_another_solver_and_its_source_is_part_of_the_d
         patient["step1"]["quality"]["quality"], "converged",
         "{patient:#}"
     );
+    // Each simulation teaches the organ's law, in which the next one is sought.
+    let iterations = patient["iterations"].as_array().expect("iterations");
+    assert!(iterations.len() >= 2, "{patient:#}");
+    for (taught, iteration) in iterations.iter().enumerate() {
+        let proposal = &iteration["proposal"]["result"];
+        assert_eq!(proposal["law_beats"], taught, "{proposal:#}");
+    }
+    let learned = &iterations[1]["proposal"]["result"]["learned_law"]["beats"][0];
+    let rms = |law: &str| learned[law]["rms_mmHg"].as_f64().expect("an error");
+    assert!(rms("after") < 0.2 * rms("before"), "{learned:#}");
     let before = published(&patient);
     assert!(
         before.len() >= 5 && before.iter().all(|(_, _, generation)| *generation == 1),
@@ -152,6 +162,33 @@ fn step_3_moves_the_cell_of_another_solver() {
         Path::new(directory).join("external").is_dir(),
         "the other solver simulated it"
     );
+}
+
+#[test]
+fn another_solver_can_do_without_the_organ_s_law() {
+    let Some(cohort) = cohort("02-CoA", "") else {
+        return;
+    };
+    let without = "workflow.surrogate=\"one-fibre\"";
+    let until = "workflow.until=\"step2-verification\"";
+    cohort
+        .call(&[
+            "run",
+            "--no-report",
+            "--quiet",
+            "--set",
+            without,
+            "--set",
+            until,
+        ])
+        .expect(0);
+    let patient = cohort.patient("02-CoA");
+    let iterations = patient["iterations"].as_array().expect("iterations");
+    for iteration in iterations {
+        let proposal = &iteration["proposal"]["result"];
+        assert!(proposal["law_beats"].is_null(), "{proposal:#}");
+    }
+    assert_eq!(patient["step1"]["quality"]["quality"], "converged");
 }
 
 #[test]

@@ -128,6 +128,13 @@ impl Place {
     }
 }
 
+/// Value at a time, linear between samples and constant beyond them.
+///
+/// - `values`: one value for each time, at least one
+pub fn interpolated(time_ms: &[f64], values: &[f64], at_ms: f64) -> f64 {
+    place(time_ms, at_ms).value(values)
+}
+
 /// Place of a time, at an end of the traces beyond it.
 fn place(time_ms: &[f64], at_ms: f64) -> Place {
     let next = time_ms.partition_point(|t| *t <= at_ms);

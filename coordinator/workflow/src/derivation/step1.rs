@@ -9,7 +9,9 @@ use cardiotwin_schemas::organ::{ContractionSpec, OrganSpec, Step1Parameters};
 use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{PassiveStateResult, Step1ProposalResult, TaskResult};
 use cardiotwin_schemas::record::{StallReason, Step1Quality, Step1Summary};
-use cardiotwin_schemas::settings::{Step1Settings, StopRule, Surrogate, Update};
+use cardiotwin_schemas::settings::{
+    Fidelity, Settings, Step1Settings, StopRule, Surrogate, Update,
+};
 use cardiotwin_schemas::task::{Step1Run, TaskSpec};
 
 use super::{Derivation, Derived, Next, Published, Settled, Step1Ended, broken, wrong_kind};
@@ -130,10 +132,15 @@ impl<'a> Derivation<'a, '_> {
             && (is_within || whole.nth(TEACHING_BEATS - 1).is_some())
     }
 
-    /// Whether parameters are sought in the organ's law.
+    /// Whether parameters are sought in the organ's law. A reduced ventricle costs no more than its
+    /// law.
     fn learns_a_law(&self, step0: &PassiveStateResult) -> bool {
-        self.plan.settings.workflow.surrogate == Surrogate::OrganLaw
-            && matches!(step0.organ, OrganSpec::FiniteElement(_))
+        let Settings {
+            workflow, solver, ..
+        } = &*self.plan.settings;
+        let is_costly = matches!(step0.organ, OrganSpec::FiniteElement(_))
+            || solver.fidelity == Fidelity::External;
+        workflow.surrogate == Surrogate::OrganLaw && is_costly
     }
 
     /// Beats of step 1 from which the organ's law is learned; `None` for the one-fibre ventricle.

@@ -145,22 +145,44 @@ pub(crate) fn surrogate(
     prior: Option<&InputFile>,
 ) -> Result<ReducedOrgan, TaskError> {
     let mut reduced = one_fibre(&beat.organ)?;
-    let (Some(beats), OrganSpec::FiniteElement(organ)) = (beats, &beat.organ) else {
+    let Some(beats) = beats else {
         return Ok(reduced);
     };
-    let figures = &organ.figures;
-    reduced.passive = law_wall(figures)?;
+    let prior = prior_of(prior)?;
+    let (wall, features) = law_organ(&beat.organ, &prior)?;
+    reduced.passive = wall;
     reduced.cell_solver = CELL_SOLVER;
-    reduced.activation.onset_ms += ACTIVATION_DELAY * figures.spread_ms;
+    if let OrganSpec::FiniteElement(organ) = &beat.organ {
+        reduced.activation.onset_ms += ACTIVATION_DELAY * organ.figures.spread_ms;
+    }
     let beats = learnable_beats(&beat.cell_stretch, beats.iter());
-    let law = fit_law(
-        &reduced.passive,
-        &features(figures),
-        &beats,
-        &prior_of(prior)?,
-    )?;
+    let law = fit_law(&reduced.passive, &features, &beats, &prior)?;
     reduced.law = Some(Arc::new(law));
     Ok(reduced)
+}
+
+/// Passive wall of an organ's law, and the features on which its prior depends.
+///
+/// Of an external solver's wall only the one-fibre law is known: the image's volume is then typical
+/// of the prior's organs, and all fibres contract for equally long.
+pub(crate) fn law_organ(
+    organ: &OrganSpec,
+    prior: &LawPrior,
+) -> Result<(OneFibrePassive, OrganFeatures), TaskError> {
+    let passive = match organ {
+        OrganSpec::FiniteElement(organ) => {
+            return Ok((law_wall(&organ.figures)?, features(&organ.figures)));
+        }
+        OrganSpec::Reduced { passive, .. } => *passive,
+        OrganSpec::External(organ) => organ.passive,
+    };
+    let exponent_factor = (passive.exponent / DEFAULT_EXPONENT).max(f64::MIN_POSITIVE);
+    let features = OrganFeatures {
+        log_exponent_factor: exponent_factor.ln(),
+        log_image_volume: prior.typical_log_image_volume,
+        ..OrganFeatures::default()
+    };
+    Ok((passive, features))
 }
 
 /// Passive wall of the organ's law.

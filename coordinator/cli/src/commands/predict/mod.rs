@@ -283,7 +283,9 @@ fn predict(
         patient,
         changes: made,
         ventricle: match (&before.organ, args.in_3d) {
-            (OrganSpec::FiniteElement(_), false) if law.is_some() => "organ's law",
+            (OrganSpec::FiniteElement(_) | OrganSpec::External(_), false) if law.is_some() => {
+                "organ's law"
+            }
             (OrganSpec::Reduced { .. }, _) | (_, false) => "one-fibre",
             (OrganSpec::FiniteElement(_), true) => "finite-element",
             (OrganSpec::External(_), true) => "external",

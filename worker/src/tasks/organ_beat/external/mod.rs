@@ -5,6 +5,7 @@
 //! `nodal.csv` have the format of our own solvers; the solver's output is in `external.log` in that
 //! folder.
 
+mod law;
 mod outflow;
 mod parameters;
 mod process;
@@ -259,6 +260,7 @@ fn answer(
         "nodal.csv",
         &nodal::to_csv(&time_ms, &nodes, has_calcium),
     )?;
+    let law = law::samples(&traces, &time_ms, &nodes, spec.cycle_length_ms);
     let lambda_min = nodes.lambda.iter().copied().fold(f64::INFINITY, f64::min);
     let last = traces.volume_ml.len() - 1;
     let result = BeatResult {
@@ -276,7 +278,7 @@ fn answer(
         Seen {
             lambda_min: Some(lambda_min),
             motion: None,
-            law: None,
+            law: law.as_ref(),
         },
     )?;
     result.remarks.extend(estimated);
