@@ -19,7 +19,7 @@ use cardiotwin_store::lease::Lease;
 use cardiotwin_store::lock::RunLock;
 use cardiotwin_store::outbox::Action;
 use cardiotwin_store::patients::REFUSED;
-use cardiotwin_store::{Patience, Writer};
+use cardiotwin_store::{Extent, Patience, Writer};
 
 pub use cardiotwin_workflow::patient::{Stage, Step};
 pub use cardiotwin_workflow::task::Task;
@@ -382,7 +382,7 @@ async fn open(
         .map_err(EngineError::of_opening)?;
     writer.lies_in(run_dir).await?;
     let now_ms = surroundings.clock.now_ms();
-    let mut books = Books::new(run_dir, writer.load().await?, now_ms)?;
+    let mut books = Books::new(run_dir, writer.load(Extent::States).await?, now_ms)?;
     let mut decider = Decider::new(options.executor.site_retries);
     let cohort_dir = options.cohort_dir.to_string_lossy();
     if let Some(plans) = &options.patients {
@@ -591,7 +591,7 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
     };
     let mut writer = Writer::open(&run_dir).await?;
     writer.under(lease);
-    let mut books = Books::new(&run_dir, writer.load().await?, clock::now_ms())?;
+    let mut books = Books::new(&run_dir, writer.load(Extent::All).await?, clock::now_ms())?;
     for i in 0..books.patients().len() {
         books.await_present_task(i);
     }

@@ -66,7 +66,7 @@ async fn a_database_of_today_is_read_whole() {
         ("golden", 3)
     );
     let mut writer = Writer::open(dir.path()).await.unwrap();
-    let loaded = writer.load().await.unwrap();
+    let loaded = writer.load(Extent::All).await.unwrap();
     let states: Vec<&Patient> = loaded.patients.iter().map(|(row, ..)| &row.state).collect();
     assert!(
         matches!(

@@ -60,4 +60,4 @@ pub use record::MemberRecord;
 pub use stored_files::StoredFile;
 pub use trial::try_locks;
 pub use view::{AttemptRecord, EventRecord, LeafChange, StepExplanation, leaf_changes};
-pub use writer::{Loaded, Writer};
+pub use writer::{Extent, Loaded, Writer};

@@ -24,9 +24,9 @@ async fn a_decision_waits_for_files_and_believes_the_answer() {
         let retry = Request::Retry { patient };
         decider.request(&mut books, &retry).unwrap();
         let asked = decider.questions();
-        assert!(!asked.is_empty() && asked.iter().all(|path| path.is_file()));
+        assert!(!asked.is_empty() && asked.files.iter().all(|path| path.is_file()));
         assert_eq!(books.patient(0).row.state, Patient::Waiting);
-        let seen = FilesSeen::told(asked, exist);
+        let seen = FilesSeen::told(asked.files, exist);
         decider.answer(&mut books, seen).unwrap();
         assert!(decider.questions().is_empty());
         let step = books.patient(0).row.state.step().unwrap();
