@@ -35,6 +35,7 @@ pub mod pilots;
 mod reader;
 mod record;
 mod screen;
+pub mod seen;
 pub mod steps;
 mod stored_files;
 mod stored_formats;

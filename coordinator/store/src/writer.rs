@@ -24,7 +24,7 @@ use super::patience::Patience;
 use super::patients::{PatientRow, PlanRow};
 use super::tasks::{OutcomeRow, TaskRow};
 use super::{
-    StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, steps, tasks,
+    StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, reader, steps, tasks,
 };
 use crate::clock;
 
@@ -41,6 +41,9 @@ pub struct Writer {
 
 /// Key of the run's folder among the store's single values.
 const RUN_DIR: &str = "run_dir";
+
+/// Plans read at a time.
+const GROUP: i64 = 512;
 
 /// How much of the tasks is loaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -198,6 +201,14 @@ impl Writer {
             .collect())
     }
 
+    /// Mark of the store's contents, as [`Reader::revision`](super::Reader::revision).
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn revision(&mut self) -> Result<String, StoreError> {
+        Ok(reader::revision(&self.rows(reader::REVISION).await?))
+    }
+
     /// Sets single values.
     ///
     /// # Errors
@@ -333,24 +344,26 @@ impl Writer {
             ..Loaded::default()
         };
         let mut plans: HashMap<i64, (PlanRow, Chain)> = HashMap::new();
-        for row in self.rows(patients::SELECT_PLANS).await? {
-            let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));
-            let chain = parse(&chain, "plans", "chain", &patient_id)?;
-            let (given, overrides, carried, plan) =
-                (row.get(1), row.get(2), row.get(3), row.get(4));
-            plans.insert(
-                patient_id,
-                (
-                    PlanRow {
-                        patient_id,
-                        given,
-                        overrides,
-                        carried,
-                        plan,
-                    },
-                    chain,
-                ),
-            );
+        let last = self.rows(patients::LAST_PLAN).await?;
+        let last: i64 = last.first().map_or(0, |row| row.get(0));
+        for from in (0..=last).step_by(GROUP as usize) {
+            let group = || {
+                sqlx::query(patients::SELECT_GROUP)
+                    .bind(from)
+                    .bind(from + GROUP - 1)
+            };
+            for row in self.rows_of(group).await? {
+                let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));
+                let chain = parse(&chain, "plans", "chain", &patient_id)?;
+                let plan = PlanRow {
+                    patient_id,
+                    given: row.get(1),
+                    overrides: row.get(2),
+                    carried: row.get(3),
+                    plan: row.get(4),
+                };
+                plans.insert(patient_id, (plan, chain));
+            }
         }
         for row in self.rows(patients::SELECT_ALL).await? {
             let patient = patient_row(&row)?;

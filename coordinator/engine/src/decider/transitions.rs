@@ -27,18 +27,30 @@ use crate::{EngineError, EngineEvent, PatientEnding, settings};
 
 impl Decider {
     /// Takes up the cohort's plans: new patients, changed inputs or settings, removed patients.
+    ///
+    /// - `unchanged`: stored patients with the plans that they have, and with their positions among
+    ///   all, ascending
     pub fn take_up(
         &mut self,
         books: &mut Books,
         plans: &[ResolvedPatient],
+        unchanged: &[(usize, PatientId)],
         refused: &[RefusedPatient],
     ) -> Result<(), EngineError> {
         let mut present = vec![false; books.patients().len()];
         for i in refused.iter().filter_map(|one| books.by_name(&one.patient)) {
             present[i] = true; // It is part of the cohort, and keeps its plan until it has another.
         }
+        for (position, id) in unchanged {
+            if let Some(i) = books.by_name(id.as_str()) {
+                present[i] = true;
+                books.enrol(i, *position as i64);
+            }
+        }
         let mut changed = HashSet::new();
-        for (position, given) in plans.iter().enumerate() {
+        let mut taken = unchanged.iter().map(|(position, _)| *position).peekable();
+        let free = (0..).filter(|position| taken.next_if_eq(position).is_none());
+        for (position, given) in free.zip(plans) {
             let position = position as i64;
             let text = || serde_json::to_string(given).expect("a plan is JSON");
             let Some(i) = books.by_name(given.id.as_str()) else {

@@ -1,0 +1,251 @@
+//! Patients whose files are as an earlier run saw them, recognised without being read.
+//!
+//! A patient's mark is a hash of the program, of the cohort's settings and of name, inode, size and
+//! times of everything in the patient's folder. An equal mark means that reading the folder again
+//! leads to the same plan. As in git's index, a mark counts only if everything had been at rest for
+//! [`REST`] when it was read: a file that is written again within the same tick of the file system's
+//! clock, with the same size, would otherwise keep its mark.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs::{self, Metadata};
+use std::os::unix::fs::MetadataExt as _;
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::plan::ResolvedPatient;
+use cardiotwin_schemas::settings::Fidelity;
+use serde_json::Value;
+
+/// Time for which a file must not have changed before it was read, so that a later change is seen in
+/// its times. The coarsest clocks of file systems tick every 2 s.
+pub const REST: Duration = Duration::from_secs(2);
+
+/// Patients that an earlier run has read.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Known {
+    /// Identity of the program that reads; another program may find other plans in the same files.
+    pub program: String,
+    /// Mark of each patient, by its folder's name.
+    pub marks: BTreeMap<String, String>,
+}
+
+/// What the marks of a cohort's patients have in common.
+#[derive(Debug)]
+pub(super) struct Marks<'a> {
+    known: Option<&'a Known>,
+    /// Everything outside the patient's folder on which its plan depends.
+    context: String,
+    meshes: bool,
+}
+
+impl<'a> Marks<'a> {
+    /// - `known`: `None` if nothing is to be recognised
+    /// - `context`: cohort.toml, options and merged settings
+    /// - `meshes`: whether patients' own meshes are read and checked
+    pub(super) fn of(known: Option<&'a Known>, context: &[String], meshes: bool) -> Self {
+        let program = known.map_or("", |known| &known.program);
+        let text = serde_json::to_string(&(program, context)).expect("texts are JSON");
+        Self {
+            // Without an identity it is not known whether the same program reads.
+            known: known.filter(|known| !known.program.is_empty()),
+            context: sha256_hex(text.as_bytes()),
+            meshes,
+        }
+    }
+
+    /// Mark of a folder at this moment; `None` if the folder cannot be recognised later, because
+    /// something in it is no plain file or is still changing.
+    pub(super) fn mark(&self, folder: &Path, now: SystemTime) -> Option<String> {
+        self.known?;
+        let (mark, newest) = mark(&self.context, folder)?;
+        let age = now.duration_since(newest).ok()?;
+        (age >= REST).then_some(mark)
+    }
+
+    /// Whether a folder is as an earlier run saw it.
+    pub(super) fn is_known(&self, id: &str, folder: &Path) -> bool {
+        let before = self.known.and_then(|known| known.marks.get(id));
+        before.is_some_and(|before| {
+            mark(&self.context, folder).is_some_and(|(mark, _)| mark == *before)
+        })
+    }
+
+    /// Whether the plan depends on nothing but the context and plain files in the patient's folder.
+    pub(super) fn covers(&self, plan: &ResolvedPatient, folder: &Path) -> bool {
+        let Ok(folder) = folder.canonicalize() else {
+            return false;
+        };
+        let is_apart = plan.settings.solver.fidelity != Fidelity::External
+            // Pilots are chosen among the plans of all patients.
+            && plan.n_pilots() == 0
+            && (self.meshes || plan.step0.own_mesh.is_none());
+        let value = serde_json::to_value(plan).expect("a plan is JSON");
+        is_apart && names_only(&value, &folder)
+    }
+}
+
+/// Whether every file that a plan names (a `path` beside a `sha256`, at any depth) lies in a folder
+/// itself, and not below it.
+fn names_only(value: &Value, folder: &Path) -> bool {
+    match value {
+        Value::Object(fields) => {
+            let is_inside = match (fields.get("path"), fields.get("sha256")) {
+                (Some(Value::String(path)), Some(_)) => Path::new(path).parent() == Some(folder),
+                _ => true,
+            };
+            is_inside && fields.values().all(|value| names_only(value, folder))
+        }
+        Value::Array(values) => values.iter().all(|value| names_only(value, folder)),
+        _ => true,
+    }
+}
+
+/// Mark of a folder of plain files, and the newest of all their times; `None` for any other folder.
+fn mark(context: &str, folder: &Path) -> Option<(String, SystemTime)> {
+    let own = fs::symlink_metadata(folder).ok()?;
+    if !own.is_dir() {
+        return None;
+    }
+    let mut newest = changed_at(&own)?;
+    let mut entries = Vec::new();
+    for entry in fs::read_dir(folder).ok()? {
+        let entry = entry.ok()?;
+        // Of a link its own times are read, not those of the file to which it leads.
+        let found = entry.metadata().ok()?;
+        if !found.is_file() {
+            return None;
+        }
+        newest = newest.max(changed_at(&found)?);
+        entries.push((entry.file_name(), found));
+    }
+    entries.sort_by(|(one, _), (other, _)| one.cmp(other));
+    let mut text = format!("{context}\n{}\n", folder.display());
+    let mut add = |name: &[u8], of: &Metadata| {
+        let _ = writeln!(
+            text,
+            "{} {} {} {} {}.{} {}.{}",
+            name.escape_ascii(),
+            of.dev(),
+            of.ino(),
+            of.size(),
+            of.mtime(),
+            of.mtime_nsec(),
+            of.ctime(),
+            of.ctime_nsec()
+        );
+    };
+    add(b"", &own);
+    for (name, found) in &entries {
+        add(name.as_encoded_bytes(), found);
+    }
+    Some((sha256_hex(text.as_bytes()), newest))
+}
+
+/// The later of the times of content and of attributes; `None` before 1970.
+fn changed_at(of: &Metadata) -> Option<SystemTime> {
+    let time = |seconds: i64, nanoseconds: i64| {
+        let seconds = Duration::from_secs(u64::try_from(seconds).ok()?);
+        Some(UNIX_EPOCH + seconds + Duration::from_nanos(u64::try_from(nanoseconds).ok()?))
+    };
+    Some(time(of.mtime(), of.mtime_nsec())?.max(time(of.ctime(), of.ctime_nsec())?))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn known(program: &str) -> Known {
+        Known {
+            program: program.to_owned(),
+            marks: BTreeMap::new(),
+        }
+    }
+
+    /// What happens to a folder between two runs.
+    #[derive(Debug, Clone)]
+    enum Change {
+        Rewrite { len: usize },
+        Add,
+        Remove,
+        Rename,
+        Link,
+    }
+
+    fn change() -> impl Strategy<Value = Change> {
+        prop_oneof![
+            (1_usize..4).prop_map(|len| Change::Rewrite { len }),
+            Just(Change::Add),
+            Just(Change::Remove),
+            Just(Change::Rename),
+            Just(Change::Link),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// A change right after the first look, in the same tick of the clock and with the same size
+        /// at times, is always noticed: a folder that is still changing has no mark.
+        #[test]
+        fn a_changed_folder_is_never_recognised(changes in prop::collection::vec(change(), 1..4)) {
+            let folder = tempfile::tempdir().unwrap();
+            let at = |name: &str| folder.path().join(name);
+            fs::write(at("pressure.csv"), "abc").unwrap();
+            let known = known("p");
+            let marks = Marks::of(Some(&known), &["c".to_owned()], true);
+            let before = marks.mark(folder.path(), SystemTime::now());
+            for change in changes {
+                match change {
+                    Change::Rewrite { len } => fs::write(at("pressure.csv"), "xyz".split_at(len.min(3)).0).unwrap(),
+                    Change::Add => fs::write(at("model.toml"), "").unwrap(),
+                    Change::Remove => drop(fs::remove_file(at("pressure.csv"))),
+                    Change::Rename => drop(fs::rename(at("pressure.csv"), at("volume.csv"))),
+                    Change::Link => drop(std::os::unix::fs::symlink("/etc/hostname", at("link"))),
+                }
+            }
+            let known = Known {
+                marks: before.into_iter().map(|mark| ("P1".to_owned(), mark)).collect(),
+                ..known
+            };
+            prop_assert!(!Marks::of(Some(&known), &["c".to_owned()], true).is_known("P1", folder.path()));
+        }
+    }
+
+    #[test]
+    fn a_folder_at_rest_is_recognised_and_each_later_change_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("pressure.csv");
+        fs::write(&file, "abc").unwrap();
+        let program = known("p");
+        let marks = Marks::of(Some(&program), &["c".to_owned()], true);
+        let now = SystemTime::now();
+        assert_eq!(marks.mark(folder.path(), now), None, "it changed just now");
+        let mark = marks.mark(folder.path(), now + REST).unwrap();
+        // Longer than a tick of the file system's clock.
+        std::thread::sleep(Duration::from_millis(50));
+        let later = |program: &str, context: &str| {
+            let known = Known {
+                program: program.to_owned(),
+                marks: [("P1".to_owned(), mark.clone())].into(),
+            };
+            Marks::of(Some(&known), &[context.to_owned()], true).is_known("P1", folder.path())
+        };
+        assert!(later("p", "c"));
+        assert!(!later("q", "c"), "another program may find another plan");
+        assert!(!later("p", "d"), "other settings");
+        assert!(!later("", "c"), "an unknown program");
+
+        // The same size and the old time of the content: the time of the attributes differs.
+        let modified = fs::metadata(&file).unwrap().modified().unwrap();
+        fs::write(&file, "abd").unwrap();
+        let written = fs::File::options().write(true).open(&file).unwrap();
+        written.set_modified(modified).unwrap();
+        assert!(!later("p", "c"));
+    }
+}
