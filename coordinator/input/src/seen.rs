@@ -157,6 +157,8 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+    use crate::Options;
+    use crate::tests::{COHORT, Folder, PATIENT};
 
     fn known(program: &str) -> Known {
         Known {
@@ -223,5 +225,56 @@ mod tests {
         let written = fs::File::options().write(true).open(&file).unwrap();
         written.set_modified(modified).unwrap();
         assert!(!later("p", "c"));
+    }
+
+    /// The names of the patients that were read, those of the others with their positions, and the
+    /// marks for the next load.
+    fn loaded(of: &Folder, known: Known, set: &str) -> (Vec<String>, Vec<(usize, String)>, Known) {
+        let options = Options {
+            known: Some(known.clone()),
+            set: vec![set.to_owned()],
+            ..Options::default()
+        };
+        let (cohort, said) = of.load(&options);
+        assert_eq!(said, Vec::<String>::new());
+        let cohort = cohort.unwrap();
+        let read = cohort.patients.iter().map(|patient| patient.id.clone());
+        let marks = cohort.patients.iter();
+        let marks = marks.filter_map(|one| Some((one.id.clone(), one.mark.clone()?)));
+        let marks = Known {
+            marks: known.marks.into_iter().chain(marks).collect(),
+            ..known
+        };
+        (read.collect(), cohort.unchanged, marks)
+    }
+
+    #[test]
+    fn unchanged_patients_are_not_read_and_keep_their_positions() {
+        let names = ["P1", "P2", "P3"];
+        let texts = names.map(|name| PATIENT.replace("P1", name));
+        let patients: Vec<(&str, &str)> =
+            names.into_iter().zip(texts.iter().map(|t| &**t)).collect();
+        let folder = Folder::new(COHORT, &patients);
+        let (at_rest, set) = (REST + Duration::from_millis(100), "step1.damping=0.5");
+        std::thread::sleep(at_rest);
+        let (read, unchanged, marks) = loaded(&folder, known("p"), set);
+        assert_eq!((read.len(), unchanged.len(), marks.marks.len()), (3, 0, 3));
+        let (read, unchanged, _) = loaded(&folder, marks.clone(), set);
+        assert!(read.is_empty());
+        let all = names.into_iter().map(str::to_owned).enumerate();
+        assert_eq!(unchanged, all.collect::<Vec<_>>());
+
+        assert_eq!(loaded(&folder, marks.clone(), "step1.damping=0.6").0, names);
+        let second = folder.path().join("patients/P2/patient.toml");
+        fs::write(&second, texts[1].replace("700", "701")).unwrap();
+        let (read, unchanged, later) = loaded(&folder, marks.clone(), set);
+        assert_eq!(read, ["P2"]);
+        assert_eq!(unchanged, [(0, "P1".to_owned()), (2, "P3".to_owned())]);
+        assert_eq!(
+            later.marks["P2"], marks.marks["P2"],
+            "it was still changing"
+        );
+        fs::write(folder.path().join("cohort.toml"), format!("{COHORT}\n")).unwrap();
+        assert_eq!(loaded(&folder, marks, set).0, names);
     }
 }

@@ -16,7 +16,7 @@ use super::cluster_jobs::{Allotment, ClusterReport, JobSpec, SeenElement};
 use super::lock::LockHolder;
 use super::outbox::Action;
 use super::stored_formats::{KEY, STORED};
-use super::{DATABASE_FILE, Reader, StoreError, Writer, lease};
+use super::{DATABASE_FILE, Extent, Reader, StoreError, Writer, lease};
 
 const DATABASE: &str = include_str!("golden/database.sql");
 

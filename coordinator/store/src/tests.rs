@@ -11,7 +11,7 @@ use sqlx::Connection as _;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 
 use super::patients::{PatientRow, PlanRow};
-use super::{Batch, DATABASE_FILE, Patience, Reader, StoreError, Writer};
+use super::{Batch, DATABASE_FILE, Extent, Patience, Reader, StoreError, Writer};
 
 fn patient(id: i64, version: i64) -> PatientRow {
     PatientRow {
