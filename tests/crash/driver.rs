@@ -32,6 +32,7 @@ fn main() -> ExitCode {
                 .collect(),
         ),
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         executor: ExecutorSettings {
             kind: if in_process {

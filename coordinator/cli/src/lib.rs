@@ -20,6 +20,7 @@ mod problems;
 mod progress;
 mod redone;
 mod scratch;
+mod seen;
 mod slurm_variables;
 mod store;
 mod summary;

@@ -73,7 +73,7 @@ impl Ventricle {
             set: settings,
             overrides,
             meshes: true,
-            unaccepted: false,
+            ..Options::default()
         };
         let plan = plan(folders, &options, record.as_ref(), talk)?;
         let (passive, scratch) = passive_state(&plan, record.as_ref(), worker)?;

@@ -1,8 +1,27 @@
-//! Files about which a decision asks. Decisions read nothing: a decision that depends on whether a
-//! file exists waits, the loop looks for the file, and the decision is made with the answer.
+//! What a decision asks for. Decisions read nothing: a decision that depends on whether a file
+//! exists, or on an outcome that only the store still has, waits; the loop looks for it, and the
+//! decision is made with the answer.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+
+use cardiotwin_schemas::ids::TaskKey;
+
+/// Questions of decisions.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct Asked {
+    /// Files of which the decisions need to know whether they exist.
+    pub files: Vec<PathBuf>,
+    /// Tasks whose outcomes the decisions need in memory.
+    pub tasks: Vec<TaskKey>,
+}
+
+impl Asked {
+    /// Whether nothing is asked: the decisions are complete.
+    pub fn is_empty(&self) -> bool {
+        self.files.is_empty() && self.tasks.is_empty()
+    }
+}
 
 /// Files that were looked for, each with whether it exists.
 #[derive(Debug, Default)]

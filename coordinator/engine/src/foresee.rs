@@ -71,7 +71,7 @@ pub(super) fn decide_unwritten(
 ) -> Result<(), EngineError> {
     let mut decider = Decider::default();
     if let Some(plans) = plans {
-        decider.take_up(books, plans, &[])?;
+        decider.take_up(books, plans, &[], &[])?;
     }
     books.select(|_| true);
     for i in 0..books.patients().len() {

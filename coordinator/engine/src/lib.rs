@@ -9,6 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::cohort::SettingsLayer;
+use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
@@ -19,7 +20,8 @@ use cardiotwin_store::lease::Lease;
 use cardiotwin_store::lock::RunLock;
 use cardiotwin_store::outbox::Action;
 use cardiotwin_store::patients::REFUSED;
-use cardiotwin_store::{Patience, Writer};
+use cardiotwin_store::seen::{SEEN, SeenInputs};
+use cardiotwin_store::{Extent, Patience, Writer};
 
 pub use cardiotwin_workflow::patient::{Stage, Step};
 pub use cardiotwin_workflow::task::Task;
@@ -66,6 +68,7 @@ pub use cardiotwin_slurm::script::HOSTS;
 pub use cardiotwin_store::clock;
 pub use cardiotwin_store::file_system::shared as shared_file_system;
 pub use cardiotwin_store::lock::{LockError, LockHolder};
+pub use cardiotwin_store::seen;
 pub use cardiotwin_store::{
     AttemptRecord, Chosen, EventRecord, JobRecord, LeafChange, MemberRecord, Pace, Reader,
     StepExplanation, StoreError, leaf_changes,
@@ -82,6 +85,7 @@ pub use foresee::{Foreseen, foresee};
 pub use housekeeping::{Archived, Class, Cleaned, DiskUsage, Usage, archive, clean, disk_usage};
 pub use in_job_loop::{DriverPlace, drive_here, drive_job};
 pub use notices::tell;
+pub use program_identity::of_this_program;
 pub use programs::first_line;
 pub use stop::{StopLevel, StopSignal};
 pub use surroundings::Surroundings;
@@ -98,8 +102,11 @@ pub struct RunOptions {
     pub description: String,
     /// Directory of the cohort's files.
     pub cohort_dir: PathBuf,
-    /// All patients of the cohort, in its order. `None` continues with the plans in the store.
+    /// All patients of the cohort, in its order, without the unchanged ones. `None` continues with
+    /// the plans in the store.
     pub patients: Option<Vec<ResolvedPatient>>,
+    /// Patients of the cohort that were recognised without being read.
+    pub recognised: Recognised,
     /// Patients of the cohort whose files have errors. Their jobs are followed and their results
     /// stay, but no task of them begins.
     pub refused: Vec<RefusedPatient>,
@@ -115,6 +122,31 @@ pub struct RunOptions {
     pub adopt_version: bool,
     /// On a cluster: whether to keep ticking until everything is over, instead of one tick.
     pub watch: bool,
+}
+
+/// Patients whose files are as an earlier run saw them.
+#[derive(Debug, Clone, Default)]
+pub struct Recognised {
+    /// Their positions among all patients with a plan, ascending, and their names.
+    pub unchanged: Vec<(usize, PatientId)>,
+    /// Revision of the store with which they were compared.
+    pub revision: String,
+    /// Marks of all patients for the next run; `None` keeps those in the store.
+    pub marks: Option<SeenInputs>,
+}
+
+impl Recognised {
+    /// Whether the stored plan of each unchanged patient is still the one that its files gave.
+    fn fits(&self, books: &Books) -> bool {
+        let marks = self.marks.as_ref().map(|SeenInputs(marks)| marks);
+        self.unchanged.iter().all(|(_, id)| {
+            let stored = books.by_name(id.as_str()).map(|i| books.patient(i));
+            let given = marks.and_then(|marks| marks.get(id.as_str()));
+            stored.zip(given).is_some_and(|(stored, of)| {
+                sha256_hex(stored.plan_row.given.as_bytes()) == of.given
+            })
+        })
+    }
 }
 
 /// Result of a request.
@@ -338,6 +370,7 @@ pub async fn end_unwanted_jobs(run_dir: &Path, stop: StopSignal) -> Result<bool,
         cohort_dir: PathBuf::new(),
         patients: None,
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         chosen: None,
         executor: ExecutorSettings::default(),
@@ -382,7 +415,7 @@ async fn open(
         .map_err(EngineError::of_opening)?;
     writer.lies_in(run_dir).await?;
     let now_ms = surroundings.clock.now_ms();
-    let mut books = Books::new(run_dir, writer.load().await?, now_ms)?;
+    let mut books = Books::new(run_dir, writer.load(Extent::States).await?, now_ms)?;
     let mut decider = Decider::new(options.executor.site_retries);
     let cohort_dir = options.cohort_dir.to_string_lossy();
     if let Some(plans) = &options.patients {
@@ -399,7 +432,22 @@ async fn open(
             let chosen = serde_json::to_string(chosen).expect("texts and settings are JSON");
             writer.set_meta(&[(CHOSEN, &chosen)]).await?;
         }
-        decider.take_up(&mut books, plans, &options.refused)?;
+        let recognised = &options.recognised;
+        if !recognised.unchanged.is_empty()
+            && writer.revision().await? != recognised.revision
+            && !recognised.fits(&books)
+        {
+            return Err(EngineError::Request {
+                message: "another command changed the run while the input was compared with it: \
+                          give the command again"
+                    .to_owned(),
+            });
+        }
+        if let Some(marks) = &recognised.marks {
+            let marks = serde_json::to_string(marks).expect("texts are JSON");
+            writer.set_meta(&[(SEEN, &marks)]).await?;
+        }
+        decider.take_up(&mut books, plans, &recognised.unchanged, &options.refused)?;
     }
     let only = &options.only;
     let is_refused = |patient: &str| options.refused.iter().any(|one| one.patient == patient);
@@ -591,7 +639,7 @@ async fn ask(run_dir: &Path, requests: &[Request]) -> Result<Answer, EngineError
     };
     let mut writer = Writer::open(&run_dir).await?;
     writer.under(lease);
-    let mut books = Books::new(&run_dir, writer.load().await?, clock::now_ms())?;
+    let mut books = Books::new(&run_dir, writer.load(Extent::All).await?, clock::now_ms())?;
     for i in 0..books.patients().len() {
         books.await_present_task(i);
     }

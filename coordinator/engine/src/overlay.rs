@@ -99,7 +99,7 @@ fn is_valve(name: &str) -> bool {
 
 /// Writes everything learned about a patient, if there is anything yet.
 pub fn write_of(books: &Books, patient_id: i64) -> Result<(), EngineError> {
-    let Some(i) = books.patients().iter().position(|p| p.row.id == patient_id) else {
+    let Some(i) = books.by_id(patient_id) else {
         return Ok(());
     };
     match learned(books, i)? {

@@ -6,7 +6,7 @@
 
 use std::sync::OnceLock;
 
-use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::hash::sha256_of_file;
 
 /// Key of the identity among the store's single values.
 pub const DECIDED_BY: &str = "decided_by";
@@ -16,8 +16,8 @@ pub const DECIDED_BY: &str = "decided_by";
 pub fn of_this_program() -> &'static str {
     static SHA256: OnceLock<String> = OnceLock::new();
     SHA256.get_or_init(|| {
-        let bytes = std::env::current_exe().and_then(std::fs::read);
-        bytes.map_or_else(|_| String::new(), |bytes| sha256_hex(&bytes))
+        let hash = std::env::current_exe().and_then(|program| sha256_of_file(&program));
+        hash.unwrap_or_default()
     })
 }
 

@@ -13,10 +13,8 @@
 //! Actions come only from what was committed, and their effects are observed in a later turn, not
 //! assumed. The process may therefore be killed anywhere.
 
-use std::path::PathBuf;
-
 use super::EngineError;
-use super::files_seen::FilesSeen;
+use super::files_seen::{Asked, FilesSeen};
 
 /// An engine over its books.
 pub trait Engine {
@@ -27,9 +25,14 @@ pub trait Engine {
     async fn observe(&mut self) -> Result<Self::Seen, EngineError>;
 
     /// Decides what follows from an observation. A decision reads and writes nothing outside the
-    /// books in memory. It returns the files of which it needs to know whether they exist, and is
-    /// called again with the answer; it is complete when it returns none.
-    fn decide(&mut self, seen: Self::Seen) -> Result<Vec<PathBuf>, EngineError>;
+    /// books in memory. It returns what it needs to know, and is called again with the answer; it
+    /// is complete when it asks for nothing.
+    fn decide(&mut self, seen: Self::Seen) -> Result<Asked, EngineError>;
+
+    /// Looks for what a decision asks.
+    async fn look(&mut self, asked: Asked) -> Result<Self::Seen, EngineError> {
+        Ok(FilesSeen::look(asked.files).into())
+    }
 
     /// Makes the decisions durable.
     async fn commit(&mut self) -> Result<(), EngineError>;
@@ -54,7 +57,7 @@ pub async fn run<E: Engine>(engine: &mut E) -> Result<(), EngineError> {
             if asked.is_empty() {
                 break;
             }
-            seen = FilesSeen::look(asked).into();
+            seen = engine.look(asked).await?;
         }
         engine.commit().await?;
         engine.act().await?;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use cardiotwin_schemas::hash::sha256_hex;
+use cardiotwin_schemas::hash::sha256_of_file;
 use cardiotwin_store::Writer;
 use cardiotwin_workflow::patient::Patient;
 use cardiotwin_workflow::task::Task;
@@ -31,8 +31,8 @@ pub async fn keep(
     worker: &Path,
     adopts: bool,
 ) -> Result<Option<EngineError>, EngineError> {
-    let bytes = match std::fs::read(worker) {
-        Ok(bytes) => bytes,
+    let sha256 = match sha256_of_file(worker) {
+        Ok(sha256) => sha256,
         Err(_) if adopts => return Ok(None),
         Err(source) => {
             return Err(EngineError::File {
@@ -42,7 +42,6 @@ pub async fn keep(
             });
         }
     };
-    let sha256 = sha256_hex(&bytes);
     let meta = writer.meta().await?;
     let before = meta.get(SHA256);
     if before == Some(&sha256) {

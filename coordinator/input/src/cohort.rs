@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_schemas::cohort::CohortFile;
@@ -20,6 +21,7 @@ use super::layers::{Layer, Merged, Origin, place, position_of, positions};
 use super::nearest::nearest;
 use super::outside::{self, Bounds};
 use super::report::Report;
+use super::seen::{Known, Marks};
 use super::{data, mesh, patient, ranges, resolve, shape};
 
 /// Options of a load beyond the files.
@@ -38,6 +40,12 @@ pub struct Options {
     /// Whether the effects accepted for patients are left unread, as where they are searched anew or
     /// undone.
     pub unaccepted: bool,
+    /// Patients that an earlier run has read. Those whose files are as they were are not read.
+    /// `None` reads all.
+    pub known: Option<Known>,
+    /// Whether only the plans are wanted: what explains where a value comes from is left out,
+    /// because of thousands of patients it fills the memory.
+    pub plans_only: bool,
 }
 
 /// A cohort as read from its folder.
@@ -51,8 +59,11 @@ pub struct Cohort {
     pub description: String,
     /// Settings of the cohort, without any patient's own settings.
     pub settings: Arc<Merged>,
-    /// Patients in the order of their folders' names.
+    /// Patients in the order of their folders' names, without the unchanged ones.
     pub patients: Vec<Patient>,
+    /// Patients whose files are as an earlier run saw them, with their positions among all patients
+    /// that have a plan.
+    pub unchanged: Vec<(usize, String)>,
 }
 
 /// A patient as read from its folder.
@@ -72,6 +83,8 @@ pub struct Patient {
     pub measured: Option<ResolvedPatient>,
     /// The plan; `None` if the patient has errors.
     pub resolved: Option<ResolvedPatient>,
+    /// Mark by which a later run recognises the patient's files; `None` if it has to read them.
+    pub mark: Option<String>,
 }
 
 impl Patient {
@@ -132,7 +145,17 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
     let is_asked = |id: &String| options.only.is_empty() || options.only.contains(id);
     let asked: Vec<&(String, PathBuf)> = folders.iter().filter(|(id, _)| is_asked(id)).collect();
     let of_cohort = report.clone();
+    let n_shared = of_cohort.findings().len();
+    let marks = Marks::of(
+        options.known.as_ref(),
+        &context(directory, &path, options, &merged),
+        options.meshes,
+    );
     let loaded = in_parallel(&asked, |(id, folder)| {
+        if marks.is_known(id, folder) {
+            return Loaded::Unchanged(id.clone());
+        }
+        let mark = marks.mark(folder, SystemTime::now());
         let mut report = of_cohort.clone();
         let overrides = options
             .overrides
@@ -148,13 +171,34 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
             meshes: options.meshes,
             unaccepted: options.unaccepted,
         };
-        let patient = load_patient(id, folder, &file, layers, &mut report);
-        (patient, report)
+        let mut patient = load_patient(id, folder, &file, layers, &mut report);
+        if let Some((patient, _)) = &mut patient {
+            let covers = |plan: &ResolvedPatient| marks.covers(plan, folder);
+            let is_plain = report.findings().len() == n_shared;
+            patient.mark =
+                mark.filter(|_| is_plain && patient.resolved.as_ref().is_some_and(covers));
+            if options.plans_only {
+                patient.measured = None;
+                patient.positions.1.retain(|key, _| key == "id");
+            }
+        }
+        Loaded::Read(Box::new((patient, report)))
     });
-    let mut patients = Vec::new();
-    for (patient, of_patient) in loaded {
-        report.absorb(of_patient, of_cohort.findings().len());
-        patients.extend(patient);
+    let (mut patients, mut unchanged, mut n_plans) = (Vec::new(), Vec::new(), 0);
+    for one in loaded {
+        match one {
+            Loaded::Unchanged(id) => {
+                unchanged.push((n_plans, id));
+                n_plans += 1;
+            }
+            Loaded::Read(read) => {
+                let (patient, of_patient) = *read;
+                report.absorb(of_patient, n_shared);
+                let has_plan = |(patient, _): &(Patient, String)| patient.resolved.is_some();
+                n_plans += usize::from(patient.as_ref().is_some_and(has_plan));
+                patients.extend(patient);
+            }
+        }
     }
     same_ids(&patients, report);
     Some(Cohort {
@@ -163,7 +207,37 @@ pub fn load(directory: &Path, options: &Options, report: &mut Report) -> Option<
         description: file.description,
         settings: merged,
         patients: patients.into_iter().map(|(patient, _)| patient).collect(),
+        unchanged,
     })
+}
+
+/// A patient's folder as it was taken up.
+enum Loaded {
+    /// The patient, if there is one, and its report.
+    Read(Box<(Option<(Patient, String)>, Report)>),
+    /// The patient is as an earlier run saw it.
+    Unchanged(String),
+}
+
+/// Everything outside a patient's folder on which the plans depend.
+fn context(directory: &Path, file: &Path, options: &Options, merged: &Merged) -> Vec<String> {
+    let text = input_files::read_text(file, MaxBytes::TEXT).unwrap_or_default();
+    let place = directory.canonicalize().unwrap_or_default();
+    let mut context = vec![
+        place.to_string_lossy().into_owned(),
+        text,
+        merged.value.to_string(),
+        serde_json::to_string(&options.overrides).expect("settings are JSON"),
+        options.unaccepted.to_string(),
+    ];
+    // A tick says where it runs, which the merged settings hold, too.
+    let assignments = options.kept.iter().chain(&options.set);
+    context.extend(
+        assignments
+            .filter(|one| *one != "executor.kind=slurm")
+            .cloned(),
+    );
+    context
 }
 
 /// Reads and checks a patient's folder that may lie outside any cohort, without the effects accepted
@@ -329,6 +403,7 @@ fn load_patient(
             folder: folder.to_owned(),
             measured,
             resolved,
+            mark: None,
         },
         named,
     ))

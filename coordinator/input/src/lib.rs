@@ -30,6 +30,7 @@ mod raw;
 mod report;
 mod resolve;
 mod search;
+mod seen;
 mod shape;
 #[cfg(test)]
 mod tests;
@@ -44,3 +45,4 @@ pub use raw::{PREPARE_TOML, RawFolder, read_raw};
 pub use report::{Finding, Report};
 pub use resolve::with_overlay;
 pub use search::specification;
+pub use seen::Known;

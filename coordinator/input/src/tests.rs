@@ -112,11 +112,8 @@ fn settings_are_layered_per_patient_and_keep_their_origin() {
             serde_json::json!({"step1": {"damping": 0.5}}),
         )]
         .into(),
-        kept: Vec::new(),
         set: vec!["step1.tolerance=0.05".into(), "step1.damping=0.95".into()],
-        only: Vec::new(),
-        meshes: false,
-        unaccepted: false,
+        ..Options::default()
     };
     let (cohort, said) = folder.load(&options);
     assert_eq!(said, Vec::<String>::new());

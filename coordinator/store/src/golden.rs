@@ -16,7 +16,7 @@ use super::cluster_jobs::{Allotment, ClusterReport, JobSpec, SeenElement};
 use super::lock::LockHolder;
 use super::outbox::Action;
 use super::stored_formats::{KEY, STORED};
-use super::{DATABASE_FILE, Reader, StoreError, Writer, lease};
+use super::{DATABASE_FILE, Extent, Reader, StoreError, Writer, lease};
 
 const DATABASE: &str = include_str!("golden/database.sql");
 
@@ -66,7 +66,7 @@ async fn a_database_of_today_is_read_whole() {
         ("golden", 3)
     );
     let mut writer = Writer::open(dir.path()).await.unwrap();
-    let loaded = writer.load().await.unwrap();
+    let loaded = writer.load(Extent::All).await.unwrap();
     let states: Vec<&Patient> = loaded.patients.iter().map(|(row, ..)| &row.state).collect();
     assert!(
         matches!(

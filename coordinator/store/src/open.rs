@@ -84,7 +84,7 @@ async fn connect_to_write(file: &Path, shared: bool) -> Result<SqliteConnection,
         // `Patience` waits longer, and says for whom.
         .busy_timeout(Duration::from_millis(500))
         .foreign_keys(true)
-        .pragma("cache_size", "-65536")
+        .pragma("cache_size", "-16384")
         .pragma("wal_autocheckpoint", "4000")
         .row_buffer_size(ROWS_IN_FLIGHT)
         .disable_statement_logging()

@@ -91,3 +91,9 @@ FROM patients ORDER BY position, id";
 
 pub(super) const SELECT_PLANS: &str =
     "SELECT patient_id, given, overrides, carried, plan, chain FROM plans";
+
+/// Plans whose patients' ids are in a range.
+pub(super) const SELECT_GROUP: &str = "
+SELECT patient_id, given, overrides, carried, plan, chain FROM plans WHERE patient_id BETWEEN ?1 AND ?2";
+
+pub(super) const LAST_PLAN: &str = "SELECT coalesce(max(patient_id), 0) FROM plans";

@@ -41,7 +41,7 @@ use crate::clock;
 /// permission to write.
 pub struct Reader {
     run_dir: PathBuf,
-    database: Mutex<ReadOnly>,
+    pub(super) database: Mutex<ReadOnly>,
 }
 
 const SETTLED: &str = "
@@ -58,10 +58,24 @@ FROM patients JOIN plans ON plans.patient_id = patients.id JOIN tasks ON tasks.k
 WHERE patients.active AND tasks.word = 'published'
 ORDER BY patients.position LIMIT 1";
 
-const REVISION: &str = "
+pub(super) const REVISION: &str = "
 SELECT json_array((SELECT max(sequence) FROM events), (SELECT count(*) FROM patients), (SELECT sum(version) FROM patients))
 UNION ALL
 SELECT json_array(key, value) FROM meta WHERE key IN ('cohort', 'description', 'refused')";
+
+/// Settled tasks of the patients whose ids are in a JSON array.
+const SETTLED_OF_GROUP: &str = "
+SELECT tasks.key, tasks.state, tasks.outcome, attempts.directory
+FROM tasks LEFT JOIN attempts ON attempts.task = tasks.key AND attempts.generation = (tasks.state->>'generation')
+WHERE tasks.word IN ('published', 'failed')
+AND tasks.key IN (SELECT task FROM steps WHERE patient_id IN (SELECT value FROM json_each(?1)))";
+
+/// Plans of the patients whose ids are in a JSON array.
+const PLANS_OF_GROUP: &str = "
+SELECT patient_id, given, overrides, carried, plan, chain FROM plans WHERE patient_id IN (SELECT value FROM json_each(?1))";
+
+/// Patients whose results are in memory at a time.
+const GROUP: usize = 64;
 
 const SETTLED_OF_PATIENT: &str = "
 SELECT tasks.key, tasks.state, tasks.outcome, attempts.directory
@@ -246,20 +260,65 @@ impl Reader {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn record(&self) -> Result<RunRecord, StoreError> {
+        let mut patients = Vec::new();
+        let keep = |record| -> Result<(), StoreError> {
+            patients.push(record);
+            Ok(())
+        };
+        let run = self.each_record(keep).await?;
+        Ok(RunRecord { patients, ..run })
+    }
+
+    /// As [`Reader::record`] without what only the patients' own pages show, so that thousands of
+    /// patients fit in memory.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn overview(&self) -> Result<RunRecord, StoreError> {
+        let mut patients = Vec::new();
+        let keep = |record: PatientRecord| -> Result<(), StoreError> {
+            patients.push(record::without_bulk(record));
+            Ok(())
+        };
+        let run = self.each_record(keep).await?;
+        Ok(RunRecord { patients, ..run })
+    }
+
+    /// Calls `take` with the record of each patient, in the cohort's order, and returns the record
+    /// of the run without patients. Few records are in memory at a time.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read; errors of `take`.
+    pub async fn each_record<E: From<StoreError>>(
+        &self,
+        mut take: impl FnMut(PatientRecord) -> Result<(), E>,
+    ) -> Result<RunRecord, E> {
         // What is written while the record is read makes another revision.
         let revision = self.revision().await?;
-        let settled = self.settled(SETTLED, None).await?;
         let now_ms = clock::now_ms();
-        let mut wide = HashMap::new();
-        for row in self.rows(patients::SELECT_PLANS, None).await? {
-            wide.insert(row.get::<i64, _>("patient_id"), row);
-        }
-        let mut records = Vec::new();
-        for row in self.active_patients().await? {
-            if let Some(plan) = wide.get(&row.id) {
-                let id = row.id;
-                let record = patient_of(row, plan, &settled, now_ms)?;
-                records.push(self.with_before(id, record, &settled).await?);
+        let mut rows = self.active_patients().await?.into_iter();
+        loop {
+            let group: Vec<PatientRow> = rows.by_ref().take(GROUP).collect();
+            if group.is_empty() {
+                break;
+            }
+            let ids: Vec<i64> = group.iter().map(|row| row.id).collect();
+            let ids = serde_json::to_string(&ids).expect("numbers are JSON");
+            let settled = self.rows_of(SETTLED_OF_GROUP, &ids).await?;
+            let settled: HashMap<TaskKey, Settled> = settled
+                .iter()
+                .map(|row| record::settled(row, &self.run_dir))
+                .collect::<Result<_, _>>()?;
+            let mut wide = HashMap::new();
+            for row in self.rows_of(PLANS_OF_GROUP, &ids).await? {
+                wide.insert(row.get::<i64, _>("patient_id"), row);
+            }
+            for row in group {
+                if let Some(plan) = wide.get(&row.id) {
+                    let id = row.id;
+                    let record = patient_of(row, plan, &settled, now_ms)?;
+                    take(self.with_before(id, record, &settled).await?)?;
+                }
             }
         }
         Ok(RunRecord {
@@ -270,7 +329,7 @@ impl Reader {
             as_of: clock::utc_text(now_ms),
             version: VERSION.to_owned(),
             revision,
-            patients: records,
+            patients: Vec::new(),
             refused: self.refused().await?,
         })
     }
@@ -281,9 +340,7 @@ impl Reader {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn revision(&self) -> Result<String, StoreError> {
-        let rows = self.rows(REVISION, None).await?;
-        let text: String = rows.iter().map(|row| row.get::<String, _>(0)).collect();
-        Ok(sha256_hex(text.as_bytes()))
+        Ok(revision(&self.rows(REVISION, None).await?))
     }
 
     /// Elements of a sweep, in its order.
@@ -502,7 +559,20 @@ impl Reader {
             })
     }
 
-    async fn meta(&self, key: &'static str) -> Result<String, StoreError> {
+    async fn rows_of(&self, sql: &'static str, ids: &str) -> Result<Vec<SqliteRow>, StoreError> {
+        let mut database = self.database.lock().await;
+        let rows = sqlx::query(sql).bind(ids);
+        rows.fetch_all(&mut database.connection)
+            .await
+            .map_err(|source| StoreError::from_sqlite(self.file(), "reading", source))
+    }
+
+    /// Path of the database.
+    pub(super) fn file(&self) -> PathBuf {
+        self.run_dir.join(DATABASE_FILE)
+    }
+
+    pub(super) async fn meta(&self, key: &'static str) -> Result<String, StoreError> {
         let mut database = self.database.lock().await;
         let value: Option<String> = sqlx::query_scalar("SELECT value FROM meta WHERE key = ?1")
             .bind(key)
@@ -559,6 +629,12 @@ impl Reader {
             .map(|row| record::settled(row, &self.run_dir))
             .collect()
     }
+}
+
+/// Mark of the store's contents from the rows of [`REVISION`].
+pub(super) fn revision(rows: &[SqliteRow]) -> String {
+    let text: String = rows.iter().map(|row| row.get::<String, _>(0)).collect();
+    sha256_hex(text.as_bytes())
 }
 
 fn status_of(row: PatientRow, now_ms: i64) -> PatientStatus {

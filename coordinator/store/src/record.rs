@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::formats::OUTCOME;
 use cardiotwin_schemas::ids::TaskKey;
-use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
+use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::{
     IterationRecord, PatientRecord, Step3IterationRecord, TaskRecord,
 };
+use cardiotwin_schemas::samples::BeatSamples;
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::Stage;
@@ -223,4 +224,41 @@ pub(super) fn patient(
         failure,
         before: None,
     }
+}
+
+/// The record without what only the patient's own page shows: traces, fitted parameters of the
+/// cell, proposals and draws. An overview of thousands of patients keeps these in memory.
+pub(super) fn without_bulk(mut record: PatientRecord) -> PatientRecord {
+    let clear = |beat: &mut Option<TaskRecord<OrganBeatResult>>| {
+        if let Some(beat) = beat {
+            let result = &mut beat.result;
+            result.samples = BeatSamples::default();
+            (result.motion, result.law) = (None, None);
+            result.counters.clear();
+        }
+    };
+    if let Some(step0) = &mut record.step0 {
+        step0.result.samples = BeatSamples::default();
+        step0.result.counters.clear();
+    }
+    for iteration in &mut record.iterations {
+        clear(&mut iteration.run);
+    }
+    for iteration in &mut record.step3_iterations {
+        clear(&mut iteration.run);
+    }
+    clear(&mut record.verification);
+    if let Some(fit) = &mut record.cell_fit {
+        fit.result.parameters = Vec::new();
+        fit.result.cost_terms.clear();
+        fit.result.identifiability = None;
+    }
+    if let Some(posterior) = &mut record.posterior {
+        posterior.result.draws = Vec::new();
+        posterior.result.correlations = Vec::new();
+        (posterior.result.pressure_mmhg, posterior.result.volume_ml) = Default::default();
+        posterior.result.learned_law = None;
+    }
+    record.before = None;
+    record
 }

@@ -22,9 +22,9 @@ use super::lease::Lease;
 use super::outbox::Action;
 use super::patience::Patience;
 use super::patients::{PatientRow, PlanRow};
-use super::tasks::TaskRow;
+use super::tasks::{OutcomeRow, TaskRow};
 use super::{
-    StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, steps, tasks,
+    StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, reader, steps, tasks,
 };
 use crate::clock;
 
@@ -41,6 +41,19 @@ pub struct Writer {
 
 /// Key of the run's folder among the store's single values.
 const RUN_DIR: &str = "run_dir";
+
+/// Plans read at a time.
+const GROUP: i64 = 512;
+
+/// How much of the tasks is loaded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// All columns.
+    All,
+    /// States of all tasks, and specifications of those that are not over. Most of a large run's
+    /// bytes are outcomes that nothing asks for again; [`Writer::outcomes`] reads the others.
+    States,
+}
 
 /// Content of the store when a coordinator begins.
 #[derive(Debug, Default)]
@@ -122,7 +135,7 @@ impl Writer {
             lease: None,
             shared: None,
         }
-        .load()
+        .load(Extent::All)
         .await
     }
 
@@ -186,6 +199,14 @@ impl Writer {
             .into_iter()
             .map(|row| (row.get(0), row.get(1)))
             .collect())
+    }
+
+    /// Mark of the store's contents, as [`Reader::revision`](super::Reader::revision).
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn revision(&mut self) -> Result<String, StoreError> {
+        Ok(reader::revision(&self.rows(reader::REVISION).await?))
     }
 
     /// Sets single values.
@@ -313,34 +334,36 @@ impl Writer {
             .unwrap();
     }
 
-    /// Loads everything that a coordinator needs.
+    /// Loads what a coordinator needs.
     ///
     /// # Errors
     /// [`StoreError`] if the database or one of its columns cannot be read.
-    pub async fn load(&mut self) -> Result<Loaded, StoreError> {
+    pub async fn load(&mut self, extent: Extent) -> Result<Loaded, StoreError> {
         let mut loaded = Loaded {
             meta: self.meta().await?,
             ..Loaded::default()
         };
         let mut plans: HashMap<i64, (PlanRow, Chain)> = HashMap::new();
-        for row in self.rows(patients::SELECT_PLANS).await? {
-            let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));
-            let chain = parse(&chain, "plans", "chain", &patient_id)?;
-            let (given, overrides, carried, plan) =
-                (row.get(1), row.get(2), row.get(3), row.get(4));
-            plans.insert(
-                patient_id,
-                (
-                    PlanRow {
-                        patient_id,
-                        given,
-                        overrides,
-                        carried,
-                        plan,
-                    },
-                    chain,
-                ),
-            );
+        let last = self.rows(patients::LAST_PLAN).await?;
+        let last: i64 = last.first().map_or(0, |row| row.get(0));
+        for from in (0..=last).step_by(GROUP as usize) {
+            let group = || {
+                sqlx::query(patients::SELECT_GROUP)
+                    .bind(from)
+                    .bind(from + GROUP - 1)
+            };
+            for row in self.rows_of(group).await? {
+                let (patient_id, chain): (i64, String) = (row.get(0), row.get(5));
+                let chain = parse(&chain, "plans", "chain", &patient_id)?;
+                let plan = PlanRow {
+                    patient_id,
+                    given: row.get(1),
+                    overrides: row.get(2),
+                    carried: row.get(3),
+                    plan: row.get(4),
+                };
+                plans.insert(patient_id, (plan, chain));
+            }
         }
         for row in self.rows(patients::SELECT_ALL).await? {
             let patient = patient_row(&row)?;
@@ -348,12 +371,7 @@ impl Writer {
                 loaded.patients.push((patient, plan, chain));
             }
         }
-        for row in self.rows(tasks::SELECT_ALL).await? {
-            let rows: String = row.get(0);
-            loaded
-                .tasks
-                .extend(parse::<Vec<TaskRow>>(&rows, "tasks", "state", &"some row")?);
-        }
+        loaded.tasks = self.tasks(extent).await?;
         for row in self.rows(attempts::SELECT_AT_WORK).await? {
             let (task, state): (String, String) = (row.get(0), row.get(4));
             let state = parse(&state, "attempts", "state", &task)?;
@@ -393,16 +411,92 @@ impl Writer {
         Ok(loaded)
     }
 
+    /// All tasks, read in groups: a row of its own costs more than its content.
+    async fn tasks(&mut self, extent: Extent) -> Result<Vec<TaskRow>, StoreError> {
+        let (sql, group) = match extent {
+            Extent::States => (tasks::SELECT_STATES, 4096),
+            Extent::All => (tasks::SELECT_ALL, 512),
+        };
+        let last = self.rows(tasks::LAST_ID).await?;
+        let last: i64 = last.first().map_or(0, |row| row.get(0));
+        let mut found = Vec::new();
+        let mut from = 0;
+        while from <= last {
+            let to = from + group - 1;
+            let rows = self
+                .rows_of(|| sqlx::query(sql).bind(from).bind(to))
+                .await?;
+            for row in rows {
+                let rows: String = row.get(0);
+                found.extend(parse::<Vec<TaskRow>>(&rows, "tasks", "state", &"some row")?);
+            }
+            from = to + 1;
+        }
+        Ok(found)
+    }
+
+    /// Outcomes of these tasks, which [`Extent::States`] leaves in the store. Keys that the store
+    /// does not have are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn outcomes(&mut self, keys: &[TaskKey]) -> Result<Vec<OutcomeRow>, StoreError> {
+        let mut found = Vec::with_capacity(keys.len());
+        for keys in keys.chunks(1024) {
+            let keys = serde_json::to_string(keys).expect("keys are JSON");
+            let rows = self.rows_of(|| sqlx::query(tasks::SELECT_OUTCOMES).bind(keys.clone()));
+            found.extend(rows.await?.iter().map(outcome_row));
+        }
+        Ok(found)
+    }
+
+    /// Outcomes of the first `n` published tasks of each of these kinds.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn first_outcomes(
+        &mut self,
+        kinds: &[String],
+        n: u32,
+    ) -> Result<Vec<OutcomeRow>, StoreError> {
+        let mut found = Vec::new();
+        for kind in kinds {
+            let first = || {
+                sqlx::query(tasks::SELECT_FIRST_OUTCOMES)
+                    .bind(kind.clone())
+                    .bind(n)
+            };
+            found.extend(self.rows_of(first).await?.iter().map(outcome_row));
+        }
+        Ok(found)
+    }
+
     async fn rows(&mut self, sql: &'static str) -> Result<Vec<SqliteRow>, StoreError> {
+        self.rows_of(|| sqlx::query(sql)).await
+    }
+
+    /// Rows of one statement, read when no other program has locked the database.
+    async fn rows_of<'q>(
+        &mut self,
+        statement: impl Fn() -> Query<'q, Sqlite, SqliteArguments>,
+    ) -> Result<Vec<SqliteRow>, StoreError> {
         let mut wait = self.patience.wait_for(&self.file);
         loop {
-            let read = sqlx::query(sql).fetch_all(&mut self.connection).await;
+            let read = statement().fetch_all(&mut self.connection).await;
             let failed = |source| StoreError::from_sqlite(self.file.clone(), "reading", source);
             match read.map_err(failed) {
                 Ok(rows) => return Ok(rows),
                 Err(error) => wait.after(error).await?,
             }
         }
+    }
+}
+
+fn outcome_row(row: &SqliteRow) -> OutcomeRow {
+    OutcomeRow {
+        key: row.get(0),
+        kind: row.get(1),
+        outcome: row.get(2),
     }
 }
 

@@ -184,6 +184,7 @@ fn options_of(run_dir: &Path, executor: ExecutorSettings) -> RunOptions {
         cohort_dir: run_dir.to_owned(),
         patients: None,
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         executor,
         worker: None,

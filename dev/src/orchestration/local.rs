@@ -129,6 +129,7 @@ fn run_options(options: &BenchOptions) -> RunOptions {
                 .collect(),
         ),
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         executor: ExecutorSettings {
             kind,

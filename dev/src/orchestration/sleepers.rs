@@ -81,6 +81,7 @@ pub fn measure(args: &SleepersArgs) -> anyhow::Result<()> {
         cohort_dir: run_dir,
         patients: Some((1..=args.tasks).map(patient).collect()),
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         executor,
         worker: None,

@@ -67,6 +67,7 @@ pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> 
         &args.set,
         args.strict,
         args.worker.as_deref(),
+        false,
         talk,
     )
     .await?;

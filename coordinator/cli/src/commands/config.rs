@@ -72,8 +72,7 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
         overrides,
         kept,
         set: args.set.clone(),
-        meshes: false,
-        unaccepted: false,
+        ..Options::default()
     };
     let cohort = input::load(&cohort_dir, &options, &mut report);
     problems::say(&report, talk);

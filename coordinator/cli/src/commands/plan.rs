@@ -39,8 +39,15 @@ pub struct PlanArgs {
 /// The same as for `run`.
 pub async fn execute(args: &PlanArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
-    let options =
-        load_for_cluster(&folders, &args.set, false, args.worker.as_deref(), talk).await?;
+    let options = load_for_cluster(
+        &folders,
+        &args.set,
+        false,
+        args.worker.as_deref(),
+        true,
+        talk,
+    )
+    .await?;
     access::check_name(&options.executor, &options.run_dir)?;
     let program = std::env::current_exe().map_err(CliError::file("find", "this program"))?;
     let plan = engine::preview(&options, &program).await?;

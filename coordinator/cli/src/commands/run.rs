@@ -25,6 +25,7 @@ use crate::notices::Notifier;
 use crate::open::open as open_in_viewer;
 use crate::place::{Folders, Place};
 use crate::progress::Watcher;
+use crate::seen::Seen;
 use crate::store::open;
 use crate::table::{Columns, duration};
 use crate::talk::{Talk, count};
@@ -103,6 +104,9 @@ pub struct RunArgs {
     /// Continue with this worker although the run began with another version
     #[arg(long)]
     adopt_version: bool,
+    /// Read every input file again, even those whose size and times are as at the last run
+    #[arg(long)]
+    verify: bool,
     /// Do nothing if the files of any patient have errors, instead of running the other patients
     #[arg(long)]
     strict: bool,
@@ -119,6 +123,10 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         .refuse_sweep("continue it with `cardiotwin sweep`, see `cardiotwin sweep status DIR`")?;
     let given = args.settings();
     let choice = kept::choose(&folders.run, &args.unset, &given, talk).await?;
+    let seen = match args.dry_run || args.verify {
+        true => Seen::Nothing,
+        false => Seen::of(&folders.run).await?,
+    };
     let wanted = Wanted {
         kept: &kept::as_assignments(&choice.kept),
         set: &given,
@@ -126,6 +134,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         meshes: true,
         strict: args.strict,
         follows_jobs: false,
+        known: seen.known(),
     };
     let (cohort, refused) = load(&folders, &wanted, talk)?;
     let changes = redone::changed(choice.before.as_ref(), &cohort.settings);
@@ -141,9 +150,8 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         redone::consent(told, args.yes, talk)?;
     }
     let n_refused = refused.len();
-    if let Some(said) = cohort
-        .plans()
-        .first()
+    if let Some(said) = (cohort.patients.iter())
+        .find_map(|patient| patient.resolved.as_ref())
         .and_then(|plan| announcement(plan, plan.settings.executor.vtu_every_ms))
     {
         talk.say(&said);
@@ -160,7 +168,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         }),
         watch: args.watch,
         adopt_version: args.adopt_version,
-        ..of_cohort(&cohort, refused, &folders, args.worker.as_deref())
+        ..of_cohort(cohort, seen, refused, &folders, args.worker.as_deref())
     };
     let stop = StopSignal::from_signals().map_err(|source| CliError::Io {
         what: "cannot listen to signals",
@@ -220,17 +228,21 @@ impl RunArgs {
 
 /// Options for a run of the whole cohort; on a cluster it ends after its first tick.
 fn of_cohort(
-    cohort: &Cohort,
+    cohort: Cohort,
+    seen: Seen,
     refused: Vec<RefusedPatient>,
     folders: &Folders,
     worker: Option<&Path>,
 ) -> RunOptions {
+    let recognised = seen.recognised(&cohort);
+    let plans = cohort.patients.into_iter();
     RunOptions {
         run_dir: folders.run.clone(),
-        cohort_name: cohort.name.clone(),
-        description: cohort.description.clone(),
-        cohort_dir: cohort.directory.clone(),
-        patients: Some(cohort.plans()),
+        cohort_name: cohort.name,
+        description: cohort.description,
+        cohort_dir: cohort.directory,
+        patients: Some(plans.filter_map(|patient| patient.resolved).collect()),
+        recognised,
         refused,
         only: Vec::new(),
         chosen: None,
@@ -242,11 +254,14 @@ fn of_cohort(
 }
 
 /// Options for a run of the cohort on a cluster, whatever `executor.kind` its files set.
+///
+/// - `reads_all`: whether the plans of unchanged patients are read, too
 pub(super) async fn load_for_cluster(
     folders: &Folders,
     set: &[String],
     strict: bool,
     worker: Option<&Path>,
+    reads_all: bool,
     talk: &Talk,
 ) -> Result<RunOptions, CliError> {
     let set: Vec<String> = std::iter::once("executor.kind=slurm".to_owned())
@@ -255,6 +270,10 @@ pub(super) async fn load_for_cluster(
     let kept = kept::assignments(&folders.run).await?;
     // Meshes are checked before the first submission and not at every tick.
     let has_begun = folders.run.join(crate::place::DATABASE).exists();
+    let seen = match reads_all {
+        true => Seen::Nothing,
+        false => Seen::of(&folders.run).await?,
+    };
     let wanted = Wanted {
         kept: &kept,
         set: &set,
@@ -262,9 +281,10 @@ pub(super) async fn load_for_cluster(
         meshes: !has_begun,
         strict,
         follows_jobs: has_begun,
+        known: seen.known(),
     };
     let (cohort, refused) = load(folders, &wanted, talk)?;
-    Ok(of_cohort(&cohort, refused, folders, worker))
+    Ok(of_cohort(cohort, seen, refused, folders, worker))
 }
 
 /// What is loaded of a cohort, and what is refused.
@@ -281,6 +301,8 @@ struct Wanted<'a> {
     strict: bool,
     /// Whether patients may all be refused: there are jobs that must be followed.
     follows_jobs: bool,
+    /// Patients that the run has read; `None` reads all.
+    known: Option<input::Known>,
 }
 
 /// Loads the cohort and prints all its problems. Patients with errors in their files are returned
@@ -304,6 +326,8 @@ fn load(
         kept: wanted.kept.to_vec(),
         set: wanted.set.to_vec(),
         meshes: wanted.meshes,
+        known: wanted.known.clone(),
+        plans_only: true,
         ..Options::default()
     };
     let cohort = input::load(directory, &options, &mut report);
@@ -312,7 +336,7 @@ fn load(
     let is_refused = |id: &String| refused.iter().any(|one| one.patient == *id);
     let is_wanted = |id: &String| wanted.only.is_empty() || wanted.only.contains(id);
     let Some(cohort) = cohort.filter(|cohort| {
-        let mut ids = cohort.patients.iter().map(|patient| &patient.id);
+        let mut ids = all_ids(cohort);
         report.n_errors() == 0
             || !wanted.strict
                 && !report.has_error_of_cohort()
@@ -322,20 +346,21 @@ fn load(
             errors: count(report.n_errors(), "error"),
         });
     };
-    let known =
-        |id: &&String| is_refused(id) || cohort.patients.iter().any(|patient| patient.id == **id);
+    let known = |id: &&String| is_refused(id) || all_ids(&cohort).any(|known| known == *id);
     match wanted.only.iter().find(|id| !known(id)) {
         Some(id) => Err(CliError::Usage(unknown_patient(id, &cohort))),
         None => Ok((cohort, refused)),
     }
 }
 
+/// Names of all patients of a cohort, read or recognised.
+fn all_ids(cohort: &Cohort) -> impl Iterator<Item = &String> {
+    let read = cohort.patients.iter().map(|patient| &patient.id);
+    read.chain(cohort.unchanged.iter().map(|(_, id)| id))
+}
+
 fn unknown_patient(id: &str, cohort: &Cohort) -> String {
-    let known: Vec<&str> = cohort
-        .patients
-        .iter()
-        .map(|patient| patient.id.as_str())
-        .collect();
+    let known: Vec<&str> = all_ids(cohort).map(String::as_str).collect();
     let meant =
         input::nearest(id, known.iter().copied()).map(|meant| format!("; did you mean `{meant}`?"));
     format!(
@@ -430,11 +455,21 @@ async fn finish(
             summary.patients,
         );
     if !is_shown {
-        let record = reader.record().await?;
+        let is_large = summary.patients > html::ONE_FILE;
+        let record = match is_large {
+            true => reader.overview().await?,
+            false => reader.record().await?,
+        };
         if !args.json {
             talk.data(&summary::table(&record, ROWS, talk))?;
         }
-        if !args.no_report {
+        if !args.no_report && record.patients.len() > html::ONE_FILE {
+            let mut index =
+                html::Index::new(&record, Pages::Changed, &out).map_err(CliError::Report)?;
+            let page = |patient| index.page(&patient).map_err(CliError::Report);
+            reader.each_record(page).await?;
+            index.finish(cases.as_ref()).map_err(CliError::Report)?;
+        } else if !args.no_report {
             html::write_report(&record, cases.as_ref(), Pages::Changed, &out)
                 .map_err(CliError::Report)?;
         }

@@ -6,13 +6,14 @@ mod access;
 mod job_events;
 mod jobs;
 mod pilots;
+mod recall;
 mod rows;
 mod school;
 mod show;
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
@@ -63,6 +64,10 @@ pub struct Books {
     dirty_patients: BTreeSet<usize>,
     dirty_tasks: HashSet<TaskKey>,
     dirty_attempts: HashSet<AttemptId>,
+    /// Published tasks that were asked for while their outcomes are only in the store.
+    absent: Mutex<BTreeSet<TaskKey>>,
+    /// Patients that were over at the last flush, whose outcomes leave memory with the next one.
+    leaving: Vec<usize>,
     batch: Batch,
 }
 
@@ -152,10 +157,12 @@ impl Books {
             let entry = TaskEntry {
                 state: row.state,
                 kind: row.kind,
-                spec: row.spec,
+                spec: row.spec.unwrap_or_default(),
                 version: row.version,
                 outcome_text: row.outcome,
                 outcome: OnceLock::new(),
+                has_outcome: row.has_outcome,
+                wall_s: None,
                 waiters: Vec::new(),
                 not_before_ms: 0,
                 stored: true,
@@ -209,6 +216,8 @@ impl Books {
             dirty_patients: BTreeSet::new(),
             dirty_tasks: HashSet::new(),
             dirty_attempts: HashSet::new(),
+            absent: Mutex::default(),
+            leaving: Vec::new(),
             batch: Batch::default(),
         })
     }
@@ -233,6 +242,10 @@ impl Books {
     /// Whether the store has this plan as the one that the cohort gives.
     pub fn is_given(&self, i: usize, given: &ResolvedPatient) -> bool {
         let patient = &self.patients[i];
+        let text = serde_json::to_string(given).expect("a plan is JSON");
+        if patient.plan_row.given == text {
+            return true;
+        }
         // A plan of an earlier program may have another text and the same meaning.
         let stored = serde_json::from_str::<ResolvedPatient>(&patient.plan_row.given);
         let Some(stored) = stored.ok().filter(|stored| stored == given) else {
@@ -290,7 +303,10 @@ impl Books {
 
     /// Adds a task unless it exists.
     pub fn add_task(&mut self, key: &TaskKey, spec: &TaskSpec) {
-        if self.tasks.contains_key(key) {
+        if let Some(task) = self.tasks.get_mut(key) {
+            if task.spec.is_empty() {
+                task.spec = serde_json::to_string(spec).expect("a task's spec is JSON");
+            }
             return;
         }
         let entry = TaskEntry {
@@ -300,6 +316,8 @@ impl Books {
             version: 1,
             outcome_text: None,
             outcome: OnceLock::new(),
+            has_outcome: false,
+            wall_s: None,
             waiters: Vec::new(),
             not_before_ms: 0,
             stored: false,
@@ -327,9 +345,14 @@ impl Books {
         self.batch.append_step(&row);
     }
 
-    /// A settled task as the chain sees it.
+    /// A settled task as the chain sees it. `None`, and noted as absent, if its outcome is only in
+    /// the store: what was derived from that answer must be dropped.
     pub fn settled(&self, key: &TaskKey) -> Option<Settled<'_>> {
         let task = self.tasks.get(key)?;
+        if task.is_absent() {
+            self.note_absent(key);
+            return None;
+        }
         settled(key, &task.state, || task.outcome(), &self.run_dir)
     }
 
@@ -417,8 +440,10 @@ impl Books {
     /// Stores the outcome that settles a task.
     pub fn keep_outcome(&mut self, key: &TaskKey, outcome: TaskOutcome, text: String) {
         if let Some(task) = self.tasks.get_mut(key) {
+            task.wall_s = Some(outcome.provenance.wall_s);
             task.outcome_text = Some(text);
             task.outcome = OnceLock::from(Some(outcome));
+            task.has_outcome = true;
             task.outcome_changed = true;
             self.dirty_tasks.insert(key.clone());
         }
@@ -541,8 +566,12 @@ impl Books {
     /// Turns all changes since the last flush into one batch, which the mirror then counts as
     /// committed.
     pub fn flush(&mut self) -> Batch {
+        let leaving = std::mem::take(&mut self.leaving);
         for i in std::mem::take(&mut self.dirty_patients) {
             self.show(i);
+            if self.patients[i].row.state.is_final() {
+                self.leaving.push(i);
+            }
             let patient = &mut self.patients[i];
             if patient.stored {
                 self.batch.update_patient(&patient.row);
@@ -588,6 +617,8 @@ impl Books {
             self.outbox.push((self.next_action, action));
             self.next_action += 1;
         }
+        // What followed from their ends was committed with the last flush, and done since.
+        leaving.into_iter().for_each(|i| self.leave(i));
         std::mem::take(&mut self.batch)
     }
 }

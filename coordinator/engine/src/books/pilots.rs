@@ -94,6 +94,9 @@ impl Books {
             let chain = &self.patients[i].chain;
             lessons.extend(lesson(self.plan(i)?, chain, &|key| self.settled(key)));
         }
+        if self.has_absent() {
+            return Ok(false); // the decision asks for the outcomes and is made again
+        }
         self.set_lessons(Some(lessons));
         Ok(true)
     }

@@ -41,11 +41,16 @@ pub struct PatientEntry {
 pub struct TaskEntry {
     pub state: Task,
     pub kind: String,
-    /// JSON of the specification. It is not read again once the task is settled.
+    /// JSON of the specification; empty once the task is settled and its patients are over. A task
+    /// that is opened again has it from its derivation.
     pub spec: String,
     pub(super) version: i64,
     pub(super) outcome_text: Option<String>,
     pub(super) outcome: OnceLock<Option<TaskOutcome>>,
+    /// Whether there is an outcome, in memory or in the store.
+    pub(super) has_outcome: bool,
+    /// Wall time of the attempt that published the task, s; kept without the outcome.
+    pub(super) wall_s: Option<f64>,
     /// Indices of the patients that wait for this task.
     pub waiters: Vec<usize>,
     /// Before this time no further attempt begins, milliseconds since 1970. A restarted coordinator
@@ -87,6 +92,37 @@ impl TaskEntry {
             .as_ref()
     }
 
+    /// Whether the task is published and its outcome is only in the store.
+    pub fn is_absent(&self) -> bool {
+        let is_published = matches!(self.state, Task::Published { .. });
+        let is_here = self.outcome_text.is_some() || self.outcome.get().is_some();
+        is_published && self.has_outcome && !is_here
+    }
+
+    /// Wall time of the attempt that published the task, s; `None` if it is not known here.
+    pub fn wall_s(&self) -> Option<f64> {
+        self.wall_s
+            .or_else(|| Some(self.outcome()?.provenance.wall_s))
+    }
+
+    /// Takes the outcome from the store.
+    pub(super) fn recall(&mut self, text: String) {
+        if self.is_absent() {
+            self.outcome_text = Some(text);
+        }
+    }
+
+    /// Leaves the specification and the outcome of a task that is over to the store.
+    pub(super) fn leave(&mut self) {
+        if !self.stored || self.outcome_changed || !self.state.is_final() {
+            return;
+        }
+        self.wall_s = self.wall_s();
+        self.spec = String::new();
+        self.outcome_text = None;
+        self.outcome = OnceLock::new();
+    }
+
     pub(super) fn flush(&mut self, key: &str, batch: &mut Batch) {
         let word = self.state.word();
         if !self.stored {
@@ -117,6 +153,10 @@ impl TaskEntry {
         });
         self.version += 1;
         self.outcome_changed = false;
+        if self.outcome.get().is_some() {
+            // The store has the text now.
+            self.outcome_text = None;
+        }
     }
 }
 

@@ -199,7 +199,7 @@ mod tests {
         let loaded = Writer::look(bench.path()).await.unwrap();
         let mut books = Books::new(bench.path(), loaded, clock::now_ms()).unwrap();
         crate::decider::Decider::default()
-            .take_up(&mut books, plans, &[])
+            .take_up(&mut books, plans, &[], &[])
             .unwrap();
         DiskNeed::of(&books, 0..books.patients().len()).unwrap()
     }

@@ -15,12 +15,12 @@ use crate::dispatch::{self, Evidence};
 impl<S: Scheduler> Cluster<S> {
     /// Takes up everything that is there for a patient: begun attempts, their outcomes, and the
     /// tasks that follow.
-    pub(super) fn follow(&mut self, i: usize) -> Result<(), EngineError> {
+    pub(super) async fn follow(&mut self, i: usize) -> Result<(), EngineError> {
         while let Some(key) = present_task(&self.books, i) {
             if !self.follow_task(&key)? {
                 break;
             }
-            self.decider.look_and_answer(&mut self.books)?;
+            self.complete_decisions().await?;
         }
         Ok(())
     }

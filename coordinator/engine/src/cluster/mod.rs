@@ -30,6 +30,7 @@ mod submit;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -47,7 +48,7 @@ use cardiotwin_workflow::task::Task;
 
 use super::books::{Books, TaskEntry};
 use super::decider::Decider;
-use super::files_seen::FilesSeen;
+use super::files_seen::{Asked, FilesSeen};
 use super::program_identity::DECIDED_BY;
 use super::requests::Pending;
 use super::surroundings::Surroundings;
@@ -158,6 +159,10 @@ impl<S: Scheduler> Cluster<S> {
         let host = cardiotwin_store::lock::host_name();
         let allocation = writer.cluster_allocation(&host, books.now_ms()).await?;
         books.set_allocation(allocation);
+        let kinds: BTreeSet<&String> = books.tasks().values().map(|task| &task.kind).collect();
+        let kinds: Vec<String> = kinds.into_iter().cloned().collect();
+        let first = writer.first_outcomes(&kinds, expect::ENOUGH as u32).await?;
+        books.note_wall_times(first);
         books.jobs_mut().place_patients();
         let before = writer
             .meta()
@@ -227,7 +232,7 @@ impl<S: Scheduler> Cluster<S> {
         let program = self.writer.meta().await?.remove(DECIDED_BY);
         self.decider
             .decide_all(&mut self.books, program.as_ref(), is_settled)?;
-        self.decider.look_and_answer(&mut self.books)?;
+        self.complete_decisions().await?;
         worker_identity::need(refused, &self.books)?;
         let started = super::EngineEvent::Started {
             patients: self.decider.of(),
@@ -236,6 +241,19 @@ impl<S: Scheduler> Cluster<S> {
         };
         self.decider.tell_first(started);
         Ok(())
+    }
+
+    /// Answers the questions of decisions until they are complete.
+    async fn complete_decisions(&mut self) -> Result<(), EngineError> {
+        loop {
+            let asked = self.decider.questions();
+            if asked.is_empty() {
+                return Ok(());
+            }
+            self.books.recall(&mut self.writer, &asked.tasks).await?;
+            let seen = FilesSeen::look(asked.files);
+            self.decider.answer(&mut self.books, seen)?;
+        }
     }
 
     /// Ticks until every patient is over or `stop` is raised. The pause between two ticks doubles
@@ -404,7 +422,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
         }
         if self.stage == Stage::Jobs {
             for i in 0..self.books.patients().len() {
-                self.follow(i)?;
+                self.follow(i).await?;
             }
             self.look_at_jobs().await?;
             let ended = self.ended_elements();
@@ -414,7 +432,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
             self.stage = Stage::Patients;
         }
         if self.stage == Stage::Patients {
-            let settlements = self.settlements()?;
+            let settlements = self.settlements().await?;
             self.ask_for_limits(!settlements.is_empty()).await?;
             self.learn_mesh_sizes(!settlements.is_empty())?;
             return Ok(Seen::Settlements(settlements));
@@ -422,7 +440,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
         Ok(Seen::Stopped(std::mem::take(&mut self.stopped)))
     }
 
-    fn decide(&mut self, seen: Seen) -> Result<Vec<PathBuf>, EngineError> {
+    fn decide(&mut self, seen: Seen) -> Result<Asked, EngineError> {
         match seen {
             Seen::Requests(pending) => self.take_requests(pending)?,
             Seen::Ended(ended) => self.to_revoke = ended,
@@ -438,6 +456,11 @@ impl<S: Scheduler> Engine for Cluster<S> {
             self.place()?;
         }
         Ok(asked)
+    }
+
+    async fn look(&mut self, asked: Asked) -> Result<Seen, EngineError> {
+        self.books.recall(&mut self.writer, &asked.tasks).await?;
+        Ok(FilesSeen::look(asked.files).into())
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {
@@ -461,7 +484,7 @@ impl<S: Scheduler> Engine for Cluster<S> {
                 Stage::Jobs
             }
             Stage::Jobs => {
-                self.revoke_ended()?;
+                self.revoke_ended().await?;
                 Stage::Patients
             }
             Stage::Patients => {

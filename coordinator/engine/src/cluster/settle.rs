@@ -38,12 +38,12 @@ impl<S: Scheduler> Cluster<S> {
     /// Revokes the elements that ended, and the attempts that they left unfinished: an attempt that
     /// had not published by then never will. The ends are committed before, so that a tick that is
     /// killed here does the same again.
-    pub(super) fn revoke_ended(&mut self) -> Result<(), EngineError> {
+    pub(super) async fn revoke_ended(&mut self) -> Result<(), EngineError> {
         for (name, element) in std::mem::take(&mut self.to_revoke) {
             JobFolder::of(self.books.run_dir(), &name).fence(element)?;
             self.pass("after an element was revoked")?;
             for i in self.patients_of(&name, element) {
-                self.follow(i)?;
+                self.follow(i).await?;
                 if let Some(attempt) = self.attempt_of(i, &name) {
                     let directory = self.books.directory(&attempt);
                     dispatch::revoke(&directory, &attempt, &format!("job {name} ended"))?;
@@ -55,21 +55,24 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     /// Reads the standings of the patients of the elements that were revoked.
-    pub(super) fn settlements(&mut self) -> Result<Vec<Settlement>, EngineError> {
-        let ended = self.ended_elements().into_iter();
-        ended
-            .map(|(name, element)| {
-                let patients = self.standings(&name, element)?;
-                Ok(Settlement {
-                    name,
-                    element,
-                    patients,
-                })
-            })
-            .collect()
+    pub(super) async fn settlements(&mut self) -> Result<Vec<Settlement>, EngineError> {
+        let mut settlements = Vec::new();
+        for (name, element) in self.ended_elements() {
+            let patients = self.standings(&name, element).await?;
+            settlements.push(Settlement {
+                name,
+                element,
+                patients,
+            });
+        }
+        Ok(settlements)
     }
 
-    fn standings(&mut self, name: &str, element: usize) -> Result<Vec<Standing>, EngineError> {
+    async fn standings(
+        &mut self,
+        name: &str,
+        element: usize,
+    ) -> Result<Vec<Standing>, EngineError> {
         let Some(row) = self.books.jobs().rows().get(name) else {
             return Ok(Vec::new());
         };
@@ -84,7 +87,7 @@ impl<S: Scheduler> Cluster<S> {
                 continue;
             };
             // An outcome that was published before the revocation counts.
-            self.follow(i)?;
+            self.follow(i).await?;
             let interrupted = self
                 .attempt_of(i, name)
                 .filter(|attempt| closing::is_revoked(&self.books.directory(attempt)));

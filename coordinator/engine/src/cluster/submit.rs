@@ -65,7 +65,12 @@ impl<S: Scheduler> Cluster<S> {
                     self.stopped.push((id, attempt, published));
                     continue;
                 }
-                Action::WriteOverlay { patient_id } => overlay::write_of(&self.books, patient_id)?,
+                Action::WriteOverlay { patient_id } => {
+                    self.books
+                        .recall_patient(&mut self.writer, patient_id)
+                        .await?;
+                    overlay::write_of(&self.books, patient_id)?;
+                }
                 Action::CancelJob { job, element } => {
                     cancelled.push((id, job, element));
                     continue;

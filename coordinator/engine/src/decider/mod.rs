@@ -15,7 +15,7 @@ use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_workflow::patient::Step;
 
 use super::books::Books;
-use super::files_seen::FilesSeen;
+use super::files_seen::{Asked, FilesSeen};
 use super::{EngineError, EngineEvent};
 
 /// Circumstance by which a missing outcome is judged.
@@ -46,9 +46,28 @@ pub struct Decider {
     files: FilesSeen,
     /// Files about which decisions ask.
     asked: Vec<PathBuf>,
-    /// Patients whose decisions wait for these files, each with the step that was published.
-    undecided: Vec<(usize, Option<Step>)>,
+    /// Tasks whose outcomes the present decision needs in memory.
+    recalls: Vec<TaskKey>,
+    /// Patients whose decisions wait for answers.
+    undecided: Vec<Undecided>,
 }
+
+/// A patient whose decision waits for answers.
+#[derive(Debug)]
+struct Undecided {
+    /// Index of the patient.
+    patient: usize,
+    /// Step that was published.
+    published: Option<Step>,
+    /// Tasks whose outcomes it needs, until they are asked for.
+    recalls: Vec<TaskKey>,
+    /// Whether everything that it needs was asked for.
+    is_asked: bool,
+}
+
+/// Largest number of outcomes asked for at a time, so that those of a large cohort are never in
+/// memory all at once.
+const MOST_RECALLED: usize = 4096;
 
 impl Decider {
     /// A decider that forgives so many site failures of a task.
@@ -94,33 +113,66 @@ impl Decider {
         std::mem::take(&mut self.events)
     }
 
-    /// Files that have to be looked for before the decisions are complete; none when they are.
-    pub fn questions(&mut self) -> Vec<PathBuf> {
+    /// What has to be looked for before the decisions are complete; nothing when they are.
+    pub fn questions(&mut self) -> Asked {
         if self.undecided.is_empty() {
             // Files may come and go: the next decision looks for them anew.
             self.files = FilesSeen::default();
         }
-        std::mem::take(&mut self.asked)
+        let mut tasks = Vec::new();
+        for undecided in &mut self.undecided {
+            if undecided.recalls.is_empty() || tasks.len() < MOST_RECALLED {
+                tasks.append(&mut undecided.recalls);
+                undecided.is_asked = true;
+            }
+        }
+        Asked {
+            files: std::mem::take(&mut self.asked),
+            tasks,
+        }
     }
 
-    /// Makes the decisions that waited for files. They may ask for further ones.
+    /// Makes the decisions that waited for answers. They may ask for more.
     pub fn answer(&mut self, books: &mut Books, seen: FilesSeen) -> Result<(), EngineError> {
         self.files.extend(seen);
-        for (i, published) in std::mem::take(&mut self.undecided) {
-            self.decide_after(books, i, published)?;
+        let all = std::mem::take(&mut self.undecided);
+        let (answered, others) = all.into_iter().partition(|one| one.is_asked);
+        self.undecided = others;
+        for Undecided {
+            patient, published, ..
+        } in answered
+        {
+            self.decide_after(books, patient, published)?;
+            let waits = |one: &Undecided| one.patient == patient;
+            if !self.undecided.last().is_some_and(waits) {
+                books.leave(patient);
+            }
         }
         Ok(())
     }
 
-    /// Looks for files until the decisions are complete, for callers that may read.
+    /// Looks for files until the decisions are complete, for callers that may read. Their books
+    /// hold all outcomes.
     pub fn look_and_answer(&mut self, books: &mut Books) -> Result<(), EngineError> {
         loop {
             let asked = self.questions();
-            if asked.is_empty() {
+            if asked.files.is_empty() {
                 return Ok(());
             }
-            self.answer(books, FilesSeen::look(asked))?;
+            self.answer(books, FilesSeen::look(asked.files))?;
         }
+    }
+
+    /// Whether a patient's decision has to wait because outcomes that it asked for are not in
+    /// memory.
+    pub(super) fn must_recall(&mut self, books: &Books, i: usize) -> bool {
+        let absent = books.take_absent();
+        if absent.is_empty() {
+            return false;
+        }
+        self.recalls.extend(absent);
+        self.recalls.extend(books.absent_of(i));
+        true
     }
 
     /// Which of these files are missing; `None`, and a question, if that is not known.

@@ -19,7 +19,7 @@ use cardiotwin_workflow::pilots::has_taught;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
 use super::purged::Inputs;
-use super::{Circumstance, Decider};
+use super::{Circumstance, Decider, Undecided};
 use crate::books::{Books, TaskEntry};
 use crate::dispatch::Evidence;
 use crate::program_identity::{self, DECIDED_BY};
@@ -27,18 +27,30 @@ use crate::{EngineError, EngineEvent, PatientEnding, settings};
 
 impl Decider {
     /// Takes up the cohort's plans: new patients, changed inputs or settings, removed patients.
+    ///
+    /// - `unchanged`: stored patients with the plans that they have, and with their positions among
+    ///   all, ascending
     pub fn take_up(
         &mut self,
         books: &mut Books,
         plans: &[ResolvedPatient],
+        unchanged: &[(usize, PatientId)],
         refused: &[RefusedPatient],
     ) -> Result<(), EngineError> {
         let mut present = vec![false; books.patients().len()];
         for i in refused.iter().filter_map(|one| books.by_name(&one.patient)) {
             present[i] = true; // It is part of the cohort, and keeps its plan until it has another.
         }
+        for (position, id) in unchanged {
+            if let Some(i) = books.by_name(id.as_str()) {
+                present[i] = true;
+                books.enrol(i, *position as i64);
+            }
+        }
         let mut changed = HashSet::new();
-        for (position, given) in plans.iter().enumerate() {
+        let mut taken = unchanged.iter().map(|(position, _)| *position).peekable();
+        let free = (0..).filter(|position| taken.next_if_eq(position).is_none());
+        for (position, given) in free.zip(plans) {
             let position = position as i64;
             let text = || serde_json::to_string(given).expect("a plan is JSON");
             let Some(i) = books.by_name(given.id.as_str()) else {
@@ -170,7 +182,12 @@ impl Decider {
     ) -> Result<(), EngineError> {
         let at = self.events.len();
         if !self.try_to_decide(books, i)? {
-            self.undecided.push((i, published));
+            self.undecided.push(Undecided {
+                patient: i,
+                published,
+                recalls: std::mem::take(&mut self.recalls),
+                is_asked: false,
+            });
             return Ok(());
         }
         if let Some(step) = published {
@@ -187,8 +204,8 @@ impl Decider {
         Ok(())
     }
 
-    /// Returns false, and changes nothing, if it is not known whether the files exist that the next
-    /// task reads.
+    /// Returns false if it is not known whether the files exist that the next task reads, or if
+    /// outcomes are not in memory. The decision is made again with the answer.
     fn try_to_decide(&mut self, books: &mut Books, i: usize) -> Result<bool, EngineError> {
         if !books.patient(i).selected
             || matches!(books.patient(i).row.state, Patient::Cancelled { .. })
@@ -197,12 +214,18 @@ impl Decider {
         }
         if books.awaits_pilots(i)? {
             books.gather_lessons()?;
+            if self.must_recall(books, i) {
+                return Ok(false);
+            }
         }
         let evaluation = loop {
             let (plan, carried) = (books.plan(i)?, &books.patient(i).carried);
             let teaching = books.teaching(i)?;
             let evaluation =
                 derivation::evaluate(plan, carried, &teaching, &|key| books.settled(key));
+            if self.must_recall(books, i) {
+                return Ok(false);
+            }
             match self.open_purged(books, i, &evaluation.next)? {
                 Inputs::Settled => break evaluation,
                 // Each pass reopens published tasks, each at most once, so the loop ends.
@@ -260,6 +283,9 @@ impl Decider {
         }
         if books.is_pilot(i) && has_taught(&books.patient(i).row.state) {
             self.teach(books)?;
+            if self.must_recall(books, i) {
+                return Ok(false);
+            }
         }
         Ok(true)
     }

@@ -27,7 +27,7 @@ use cardiotwin_store::clock::utc_text;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::books::attempt_directory;
-use super::files_seen::FilesSeen;
+use super::files_seen::{Asked, FilesSeen};
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
 use super::watch::Watch;
@@ -312,12 +312,12 @@ impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
         Ok(Seen(Some(seen)))
     }
 
-    fn decide(&mut self, Seen(seen): Seen) -> Result<Vec<PathBuf>, EngineError> {
+    fn decide(&mut self, Seen(seen): Seen) -> Result<Asked, EngineError> {
         // A driver asks for no files: a worker that misses one says so.
         if let Some(seen) = seen {
             self.take_up(seen);
         }
-        Ok(Vec::new())
+        Ok(Asked::default())
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {

@@ -48,7 +48,12 @@ impl<E: Executor> LocalLoop<E> {
                         self.stopped_unwatched.push(attempt);
                     }
                 }
-                Action::WriteOverlay { patient_id } => overlay::write_of(&self.books, patient_id)?,
+                Action::WriteOverlay { patient_id } => {
+                    self.books
+                        .recall_patient(&mut self.writer, patient_id)
+                        .await?;
+                    overlay::write_of(&self.books, patient_id)?;
+                }
                 // Left over from a time when this run's tasks were jobs of a cluster. The next tick
                 // on the cluster executes it.
                 Action::SubmitJob { .. } | Action::FenceJob { .. } | Action::CancelJob { .. } => {

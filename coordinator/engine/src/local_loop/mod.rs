@@ -17,7 +17,7 @@ use cardiotwin_workflow::attempt::Attempt;
 
 use super::books::Books;
 use super::decider::Decider;
-use super::files_seen::FilesSeen;
+use super::files_seen::{Asked, FilesSeen};
 use super::requests::Pending;
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
@@ -181,7 +181,7 @@ impl<E: Executor> Engine for LocalLoop<E> {
         Ok(Seen::News(Box::new(sight)))
     }
 
-    fn decide(&mut self, seen: Seen) -> Result<Vec<PathBuf>, EngineError> {
+    fn decide(&mut self, seen: Seen) -> Result<Asked, EngineError> {
         match seen {
             Seen::News(sight) => self.take_up(*sight)?,
             Seen::Files(seen) => self.decider.answer(&mut self.books, seen)?,
@@ -191,6 +191,11 @@ impl<E: Executor> Engine for LocalLoop<E> {
             self.conclude()?;
         }
         Ok(asked)
+    }
+
+    async fn look(&mut self, asked: Asked) -> Result<Seen, EngineError> {
+        self.books.recall(&mut self.writer, &asked.tasks).await?;
+        Ok(FilesSeen::look(asked.files).into())
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {

@@ -115,6 +115,7 @@ impl Bench {
             cohort_dir: self.path().to_owned(),
             patients,
             refused: Vec::new(),
+            recognised: Default::default(),
             only: vec![],
             executor: ExecutorSettings::default(),
             worker: None,

@@ -36,4 +36,4 @@ pub use discovery::{discovery_svg, write_discovery};
 pub use fragment::{heart_viewer, patient_section, script, style_sheet};
 pub use organ_3d::spread_svg;
 pub use robustness::write_robustness;
-pub use write::{ONE_FILE, Pages, ReportPaths, patient_page, shows, write_report};
+pub use write::{Index, ONE_FILE, Pages, ReportPaths, patient_page, shows, write_report};

@@ -1,6 +1,6 @@
 //! The files of a report.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -125,80 +125,146 @@ fn index(
     pages: Pages,
     out: &Path,
 ) -> Result<ReportPaths, WriteError> {
-    let folder = folder_of(out);
-    let folder_name = folder.file_name().unwrap_or_default().to_string_lossy();
-    std::fs::create_dir_all(&folder).map_err(WriteError::folder(&folder))?;
-    let names: Vec<String> = file_names(&run.patients);
-    let of: std::collections::HashMap<&str, &str> = std::iter::zip(&run.patients, &names)
-        .map(|(p, name)| (p.plan.id.as_str(), name.as_str()))
-        .collect();
-    let from_index = |p: &PatientRecord| format!("{folder_name}/{}", of[p.plan.id.as_str()]);
-    let home = format!(
-        "../{}",
-        out.file_name().unwrap_or_default().to_string_lossy()
-    );
+    let mut index = Index::new(run, pages, out)?;
+    for patient in &run.patients {
+        index.page(patient)?;
+    }
+    index.finish(discovered)
+}
 
-    let shown = most_telling(&run.patients, TILES);
-    let top = run
-        .patients
-        .iter()
-        .map(figures::top_pressure)
-        .fold(1.0, f64::max);
-    let mut tiles = Vec::new();
-    let mut written = Vec::new();
-    for (i, p) in run.patients.iter().enumerate() {
+/// A report of many patients, written patient by patient.
+pub struct Index<'a> {
+    run: &'a RunRecord,
+    pages: Pages,
+    out: &'a Path,
+    folder: PathBuf,
+    /// Names of the patients' pages.
+    names: Vec<String>,
+    /// Position of each patient.
+    places: HashMap<&'a str, usize>,
+    home: String,
+    /// Positions of the patients in the small plots.
+    shown: Vec<usize>,
+    /// Highest pressure of all patients, mmHg.
+    top: f64,
+    tiles: Vec<(String, String, Markup)>,
+    written: Vec<PathBuf>,
+}
+
+impl<'a> Index<'a> {
+    /// A report of this run to `out`.
+    ///
+    /// - `run`: its patients need no traces, draws and fitted parameters
+    /// - `pages`: pages of patients that are written
+    ///
+    /// # Errors
+    /// [`WriteError`] if the folder of the pages cannot be made.
+    pub fn new(run: &'a RunRecord, pages: Pages, out: &'a Path) -> Result<Self, WriteError> {
+        let folder = folder_of(out);
+        std::fs::create_dir_all(&folder).map_err(WriteError::folder(&folder))?;
+        let home = format!(
+            "../{}",
+            out.file_name().unwrap_or_default().to_string_lossy()
+        );
+        let places = run.patients.iter().enumerate();
+        Ok(Self {
+            run,
+            pages,
+            out,
+            folder,
+            names: file_names(&run.patients),
+            places: places.map(|(i, p)| (p.plan.id.as_str(), i)).collect(),
+            home,
+            shown: most_telling(&run.patients, TILES),
+            top: run
+                .patients
+                .iter()
+                .map(figures::top_pressure)
+                .fold(1.0, f64::max),
+            tiles: Vec::new(),
+            written: Vec::new(),
+        })
+    }
+
+    fn name(&self, p: &PatientRecord) -> &str {
+        &self.names[self.places[p.plan.id.as_str()]]
+    }
+
+    fn from_index(&self, p: &PatientRecord) -> String {
+        let folder = self.folder.file_name().unwrap_or_default();
+        format!("{}/{}", folder.to_string_lossy(), self.name(p))
+    }
+
+    /// Writes the page of a patient, unless it is there. Patients that the run does not have are
+    /// left out.
+    ///
+    /// - `p`: the whole record
+    ///
+    /// # Errors
+    /// [`WriteError`] if the page cannot be written.
+    pub fn page(&mut self, p: &PatientRecord) -> Result<(), WriteError> {
+        let Some(&i) = self.places.get(p.plan.id.as_str()) else {
+            return Ok(()); // it came while the report was written
+        };
+        let run = self.run;
         // Only neighbours are linked: with every patient on every page, the report would grow with
         // the square of the cohort's size.
         let near = &run.patients[i.saturating_sub(12)..run.patients.len().min(i + 13)];
-        let nav = page::nav(run, &home, &[], near, &|p| {
-            of[p.plan.id.as_str()].to_owned()
-        });
+        let nav = page::nav(run, &self.home, &[], near, &|p| self.name(p).to_owned());
         let title = format!("{} · {} · cardiotwin", p.plan.id, run.cohort);
-        let file = folder.join(&names[i]);
+        let file = self.folder.join(&self.names[i]);
         let stamp = stamp(p, &title, &nav);
-        let is_current = pages == Pages::Changed && has_stamp(&file, &stamp);
-        let is_shown = shown.contains(&i);
-        if is_current && !is_shown {
-            written.push(file);
-            continue;
+        let is_current = self.pages == Pages::Changed && has_stamp(&file, &stamp);
+        let is_shown = self.shown.contains(&i);
+        if !is_current || is_shown {
+            let signals = Signals::read(p);
+            if is_shown && let Some(chart) = figures::small_pressure(p, &signals, self.top) {
+                let tile = (p.plan.id.to_string(), self.from_index(p), chart.render());
+                self.tiles.push(tile);
+            }
+            if !is_current {
+                let named = |p: &PatientRecord| (self.name(p).to_owned(), p.plan.id.to_string());
+                let before = i.checked_sub(1).and_then(|i| run.patients.get(i));
+                let neighbours = [before, run.patients.get(i + 1)].map(|p| p.map(named));
+                let around = Around {
+                    neighbours,
+                    missing: None,
+                };
+                let page = page::page(&title, &nav, &patient::section(p, &signals, Some(&around)));
+                write(&file, &PreEscaped(format!("{stamp}{}", page.0)))?;
+            }
         }
-        let signals = Signals::read(p);
-        if is_shown && let Some(chart) = figures::small_pressure(p, &signals, top) {
-            tiles.push((p.plan.id.to_string(), from_index(p), chart.render()));
-        }
-        if !is_current {
-            let named =
-                |p: &PatientRecord| (of[p.plan.id.as_str()].to_owned(), p.plan.id.to_string());
-            let before = i.checked_sub(1).and_then(|i| run.patients.get(i));
-            let neighbours = [before, run.patients.get(i + 1)].map(|p| p.map(named));
-            let around = Around {
-                neighbours,
-                missing: None,
-            };
-            let page = page::page(&title, &nav, &patient::section(p, &signals, Some(&around)));
-            write(&file, &PreEscaped(format!("{stamp}{}", page.0)))?;
-        }
-        written.push(file);
+        self.written.push(file);
+        Ok(())
     }
-    let left_out = run.patients.len() - tiles.len();
-    let content = html! {
-        (overview(run, &from_index))
-        (at_a_glance(&tiles, left_out))
-        @if let Some(cases) = discovered { h2 id="missing" { "Missing effects of the model" } (discovery::cohort(cases)) }
-    };
-    let unfinished: Vec<PatientRecord> = shown
-        .iter()
-        .take(ONE_FILE)
-        .map(|i| run.patients[*i].clone())
-        .collect();
-    let nav = page::nav(run, "#top", &[], &unfinished, &from_index);
-    let page = page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content);
-    let mark = mark(&run.revision, discovered);
-    write(out, &PreEscaped(format!("{mark}{}", page.0)))?;
-    Ok(ReportPaths {
-        main: out.to_owned(),
-        patients: written,
-    })
+
+    /// Writes the index, and returns the paths of the report.
+    ///
+    /// # Errors
+    /// [`WriteError`] if the index cannot be written.
+    pub fn finish(self, discovered: Option<&DiscoverCases>) -> Result<ReportPaths, WriteError> {
+        let (run, from_index) = (self.run, |p: &PatientRecord| self.from_index(p));
+        let left_out = run.patients.len() - self.tiles.len();
+        let content = html! {
+            (overview(run, &from_index))
+            (at_a_glance(&self.tiles, left_out))
+            @if let Some(cases) = discovered { h2 id="missing" { "Missing effects of the model" } (discovery::cohort(cases)) }
+        };
+        let unfinished: Vec<PatientRecord> = self
+            .shown
+            .iter()
+            .take(ONE_FILE)
+            .map(|i| run.patients[*i].clone())
+            .collect();
+        let nav = page::nav(run, "#top", &[], &unfinished, &from_index);
+        let page = page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content);
+        let mark = mark(&run.revision, discovered);
+        write(self.out, &PreEscaped(format!("{mark}{}", page.0)))?;
+        Ok(ReportPaths {
+            main: self.out.to_owned(),
+            patients: self.written,
+        })
+    }
 }
 
 /// Whether the file `out` is the index of a report that shows this revision of the run and these

@@ -71,6 +71,7 @@ pub async fn add(
         executor: executor(args.jobs, members.len()),
         patients: Some(members),
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         worker: args.worker.clone(),
         adopt_version: true,

@@ -59,6 +59,7 @@ pub async fn run(
         cohort_dir: source.folder.clone(),
         patients: Some(members),
         refused: source.refused.clone(),
+        recognised: Default::default(),
         only: Vec::new(),
         executor: executor(args.jobs, source.patients.len()),
         worker: args.worker.clone(),

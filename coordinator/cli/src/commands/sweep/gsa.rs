@@ -227,6 +227,7 @@ pub async fn execute(args: &GsaArgs, talk: &Talk) -> Result<Exit, CliError> {
         cohort_dir: out.clone(),
         patients: Some(chunks::members(&spec)),
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         executor,
         worker: args.worker.clone(),

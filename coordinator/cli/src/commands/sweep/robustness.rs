@@ -386,6 +386,7 @@ async fn run(
         cohort_dir: cohort.directory.clone(),
         patients: Some(members),
         refused: Vec::new(),
+        recognised: Default::default(),
         only: Vec::new(),
         executor,
         worker: args.worker.clone(),

@@ -245,6 +245,7 @@ impl Lab {
             cohort_dir: self.dir.path().to_owned(),
             patients: (!self.has_stored_plans).then(|| self.patients.clone()),
             refused: Vec::new(),
+            recognised: Default::default(),
             only: vec![],
             executor: ExecutorSettings {
                 kind: ExecutorKind::Slurm,
