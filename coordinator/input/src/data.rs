@@ -76,6 +76,7 @@ pub fn check(
         volume: volume.as_ref().map(|(_, trace)| trace),
         aorta: (measured.aortic_pressure.as_ref())
             .map(|aorta| [aorta.systolic_mmhg, aorta.diastolic_mmhg]),
+        aortic_pressure: None,
         stated_p_max: given.p_max_mmhg,
         stated_edv: measured.end_diastolic_volume_ml.or(given.edv_ml),
         stated_esv: given.esv_ml,
