@@ -21,6 +21,8 @@ const TOGETHER: f64 = 0.6;
 const FEWEST: usize = 5;
 /// Shortest time for which a bottom stands still, as a share of the cycle.
 const BOTTOM: f64 = 0.04;
+/// Height above the smallest value, as a share of the range, up to which a trace is at its bottom.
+const NEAR_BOTTOM: f64 = 0.01;
 /// Time before the bottom, as a share of the cycle, and the fall within it, as a share of the range, from
 /// which the pressure stops too suddenly for a relaxation.
 const SUDDEN: [f64; 2] = [0.012, 0.03];
@@ -101,20 +103,23 @@ fn top_is_cut(trace: &Trace) -> bool {
     n >= FEWEST && together && width(still) / width(base) > STANDS.max(STANDS_ROUNDED * rounded)
 }
 
-/// Whether the pressure falls steeply and then stands still at its smallest value.
+/// Whether the pressure falls steeply and then stands still near its smallest value. An average of cut
+/// beats swings below the cut by a little where it turns.
 fn bottom_is_cut(trace: &Trace, cycle_ms: f64) -> bool {
     let [low, high] = extremes(trace);
+    let range = high - low;
     let (times, values) = (trace.time_ms(), trace.values());
-    let still = |v: f64| v <= low + STILL * (high - low);
     let mut i = 0;
     while i < values.len() {
-        let n = values[i..].iter().take_while(|v| still(**v)).count();
-        if n >= FEWEST && times[i + n - 1] - times[i] >= BOTTOM * cycle_ms {
+        let still = |v: &&f64| (**v - values[i]).abs() <= STILL * range;
+        let n = values[i..].iter().take_while(still).count();
+        let is_bottom = values[i] <= low + NEAR_BOTTOM * range;
+        if is_bottom && n >= FEWEST && times[i + n - 1] - times[i] >= BOTTOM * cycle_ms {
+            // The last sample at or before the interval's beginning.
             let since = times[i] - SUDDEN[0] * cycle_ms;
-            let before = times[..i].partition_point(|t| *t < since);
-            // The sample at or before the interval's beginning; a coarser trace shows no suddenness.
-            let fall = values[before.min(i)] - low;
-            if before + 1 < i && fall > SUDDEN[1] * (high - low) {
+            let before = times[..i].partition_point(|t| *t <= since);
+            let is_fine = before > 0 && times[i] - times[before - 1] <= 2.0 * SUDDEN[0] * cycle_ms;
+            if is_fine && values[before - 1] - values[i] > SUDDEN[1] * range {
                 return true;
             }
         }
