@@ -4,19 +4,21 @@
 use std::fmt::Write as _;
 
 use super::further::{labchart, labchart_header, workbook};
-use super::{Expected, Form, Rows, Variant, csv, paused, table, usual, with_ecg};
+use super::{Expected, Form, Rows, Variant, csv, exact, paused, table, usual, with_ecg};
 
 /// All variants of this page.
 pub fn variants(rows: &Rows) -> Vec<Variant> {
+    // The same samples in another form.
     let mut out = Vec::new();
-    cut_pressures(rows, &mut out);
-    pressures_apart(rows, &mut out);
-    long_pauses(rows, &mut out);
     trimmed_rows(rows, &mut out);
-    other_ecgs(rows, &mut out);
     zones_and_orders(rows, &mut out);
     acqknowledge(rows, &mut out);
     sheets(rows, &mut out);
+    exact(&mut out);
+    cut_pressures(rows, &mut out);
+    pressures_apart(rows, &mut out);
+    long_pauses(rows, &mut out);
+    other_ecgs(rows, &mut out);
     frames(rows, &mut out);
     out
 }
