@@ -183,6 +183,8 @@ fn kind_20_a_held_job_is_named_as_held_with_what_releases_it() {
         let status = site.four_ticks();
         let why = status["cluster"]["jobs"][0]["why"].as_str().unwrap();
         assert!(parts.iter().all(|part| why.contains(part)), "{status:#}");
+        // The command names the job.
+        assert!(why.contains("scontrol release 4711"), "{why}");
         assert_eq!(site.n_submitted(), 1);
     }
 }

@@ -51,6 +51,9 @@ pub enum CliError {
         /// Number of errors in words.
         errors: String,
     },
+    /// No beat can be made from the recordings.
+    #[error("{0}")]
+    NoBeats(String),
     /// A mesh cannot be read, repaired or written.
     #[error(transparent)]
     Mesh(Box<MeshFileCommandError>),
@@ -119,7 +122,10 @@ impl CliError {
             | Self::Usage(_) => Exit::Usage,
             Self::Engine(EngineError::Site { .. } | EngineError::OtherWorker { .. }) => Exit::Input,
             Self::Sweep(error) => sweep_exit(error),
-            Self::Input { .. } | Self::Trace { .. } | Self::Recordings { .. } => Exit::Input,
+            Self::Input { .. }
+            | Self::Trace { .. }
+            | Self::Recordings { .. }
+            | Self::NoBeats(_) => Exit::Input,
             Self::Overlay(OverlayError::NothingAccepted { .. }) => Exit::Usage,
             Self::Overlay(OverlayError::Format { .. }) => Exit::Input,
             Self::Simulation { .. } => Exit::Problems,

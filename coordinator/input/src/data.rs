@@ -80,6 +80,7 @@ pub fn check(
         pressure: pressure.as_ref().map(|(_, trace)| trace),
         volume: volume.as_ref().map(|(_, trace)| trace),
         aorta: aorta.map(|aorta| [aorta.systolic_mmhg, aorta.diastolic_mmhg]),
+        aortic_pressure: None,
         stated_p_max: given.p_max_mmhg,
         stated_edv: measured.end_diastolic_volume_ml.or(given.edv_ml),
         stated_esv: given.esv_ml,

@@ -234,6 +234,43 @@ fn kind_03_a_pause_changes_neither_cycle_nor_windkessel() {
 }
 
 #[test]
+fn kind_03_a_pause_of_a_day_is_read_and_told_with_the_times_of_the_file() {
+    const DAY_S: f64 = 86_400.0;
+    let whole = fixture("03-pause-between-blocks/pause-15-s");
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["cine.csv", "prepare.toml"] {
+        std::fs::copy(whole.join(name), folder.path().join(name)).unwrap();
+    }
+    let text = std::fs::read_to_string(whole.join("catheter.csv")).unwrap();
+    let mut out = String::new();
+    for (i, line) in text.lines().enumerate() {
+        let moved = line.split_once(',').filter(|_| i > 0).map(|(time, rest)| {
+            let time: f64 = time.parse().unwrap();
+            // The pause of 15 s is one of a day and 15 s.
+            let time = if time > 16.0 { time + DAY_S } else { time };
+            format!("{time:.3},{rest}")
+        });
+        out += &moved.unwrap_or_else(|| line.to_owned());
+        out.push('\n');
+    }
+    std::fs::write(folder.path().join("catheter.csv"), out).unwrap();
+    let seen = prepare_folder(folder.path());
+    seen.by_r_wave("a day");
+    seen.says("a day", &["the recording pauses for 1440.", "leave_out_ms"]);
+    let short = prepare("03-pause-between-blocks/pause-15-s");
+    let onsets = |seen: &Seen| -> Vec<f64> {
+        let left_out = &seen.made().answer.beats.left_out;
+        left_out.iter().map(|beat| beat.onset_ms).collect()
+    };
+    let (short, long) = (onsets(&short), onsets(&seen));
+    assert_eq!(short.len(), long.len());
+    for (short, long) in short.iter().zip(long) {
+        let expected = short + if *short > 16_000.0 { 1e3 * DAY_S } else { 0.0 };
+        assert!((long - expected).abs() < 1.0, "{long} for {expected} ms");
+    }
+}
+
+#[test]
 fn kind_04_a_dropout_hides_no_premature_beat() {
     let seen = prepare("04-dropout-hides-ectopic/gap-0.4-s");
     seen.by_r_wave("gap");
@@ -313,8 +350,11 @@ fn kind_06_an_electrocardiogram_without_samples_gives_way_to_the_pressure() {
 fn kind_07_times_of_records_count() {
     prepare("07-edf-gaps-in-continuous/one-gap").says("one gap", &["continuous", "gaps of"]);
     prepare("07-edf-gaps-in-continuous/one-gap").is_sound_but_short("one gap");
+    // Its only whole beat is cut short by a premature one: no beat tells the cycle.
     let seen = prepare("07-edf-gaps-in-continuous/gaps-everywhere");
     seen.says("everywhere", &["gaps of"]);
+    assert!(seen.made.is_none(), "{}", seen.said);
+    seen.says("everywhere", &["none of the", "usable", "cut-short"]);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Why jobs wait, in words, and whether waiting helps.
 
+use crate::job::JobId;
+
 /// Event that a waiting job needs before it can start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WaitsFor {
@@ -20,10 +22,22 @@ pub enum WaitsFor {
 /// A reason that Slurm gives for a waiting job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Why {
-    /// Explanation for a person, in lower case and without a full stop.
+    /// Explanation for a person, in lower case and without a full stop. `JOB` stands for the job's number.
     pub words: String,
     /// Event that lets the job start; decisions depend on it, not on the words.
     pub waits_for: WaitsFor,
+}
+
+impl Why {
+    /// The explanation with the number of the job, so that its commands can be copied.
+    #[must_use]
+    pub fn words_for(&self, job: JobId) -> String {
+        let job = job.to_string();
+        // Only where a word begins: a site's own reason may have these letters within a word.
+        self.words
+            .replace(" JOB", &format!(" {job}"))
+            .replace("=JOB", &format!("={job}"))
+    }
 }
 
 /// Reasons with explanations (squeue manual page, "job reason codes"). Reasons about limits are
@@ -370,6 +384,19 @@ mod tests {
             gone.contains("was deleted or has ended") && gone.contains("scontrol release JOB"),
             "{gone}"
         );
+        let job = JobId {
+            job: 4711,
+            element: Some(2),
+        };
+        let told = why("ReservationDeleted").words_for(job);
+        for command in [
+            "scontrol update JobId=4711_2 ReservationName=NAME",
+            "scontrol release 4711_2",
+            "scancel 4711_2",
+        ] {
+            assert!(told.contains(command), "{told}");
+        }
+        assert!(!told.contains("JOB"), "{told}");
         // Slurm holds a job of a reservation that ended as an administrator does.
         let held = why("JobHeldAdmin").words;
         assert!(held.contains("its reservation has ended"), "{held}");

@@ -1,7 +1,7 @@
 //! Text that AcqKnowledge (BIOPAC) exports.
 //!
-//! First come the file's name, the interval (`4 msec/sample`) and the number of channels (`3
-//! channels`), then two lines for each channel: its name and its unit. A header follows (`msec CH1
+//! First come the file's name, the interval (`4 msec/sample`) or the rate (`250 samples/sec`) and the
+//! number of channels (`3 channels`), then two lines for each channel: its name and its unit. A header follows (`msec CH1
 //! CH2 …`, or without times), a row with each channel's number of samples, and rows of numbers.
 //! Cells are separated by tabs or commas.
 
@@ -30,16 +30,35 @@ pub fn is_acqknowledge(text: &str) -> bool {
 /// Index of the line with the interval, the interval in ms, and the number of channels.
 fn begin(lines: &[&str]) -> Option<(usize, f64, usize)> {
     (0..lines.len().min(PROBE)).find_map(|i| {
-        let rate = lines[i].trim().strip_suffix("/sample")?;
-        let (value, unit) = rate.trim().split_once(' ')?;
-        let factor = KNOWN[0].dimension.factor(unit)?;
+        let (value, unit) = lines[i].trim().split_once(' ')?;
         let value = number(value.as_bytes(), Decimal::Point)
             .or_else(|| number(value.as_bytes(), Decimal::Comma))?;
+        let unit = unit.trim();
+        let interval_ms = match unit.strip_suffix("/sample") {
+            Some(time) => value * KNOWN[0].dimension.factor(time)?,
+            None => 1e3 / (value * per_second(unit)?),
+        };
         let n = lines.get(i + 1)?.trim().strip_suffix("channels");
         let n = n.or_else(|| lines[i + 1].trim().strip_suffix("channel"))?;
         let n: usize = n.trim().parse().ok()?;
-        (value > 0.0 && (1..=4096).contains(&n)).then_some((i, value * factor, n))
+        (value > 0.0 && (1..=4096).contains(&n)).then_some((i, interval_ms, n))
     })
+}
+
+/// Factor of a rate to samples per second.
+fn per_second(unit: &str) -> Option<f64> {
+    const RATES: [(&str, f64); 7] = [
+        ("hz", 1.0),
+        ("khz", 1e3),
+        ("samples/sec", 1.0),
+        ("samples/second", 1.0),
+        ("samples/s", 1.0),
+        ("ksamples/sec", 1e3),
+        ("samples/min", 1.0 / 60.0),
+    ];
+    let unit = unit.to_lowercase();
+    let found = RATES.iter().find(|(name, _)| *name == unit)?;
+    Some(found.1)
 }
 
 /// Reads an export.

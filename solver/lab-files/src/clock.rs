@@ -61,11 +61,74 @@ pub(crate) fn time_of_day_ms(cell: &str, decimal: Decimal) -> Option<f64> {
     Some(1e3 * seconds)
 }
 
-/// A date with a time of day, such as `2026-03-02 09:00:00.004`, `02.03.2026 09:00:00` or
-/// `2026-03-02T09:00:00.004Z`, or a time of day with two colons \[ms since the year 0 or since
-/// midnight\]. In dates with the year last the order of day and month does not matter within a day,
-/// which is all that is read.
+/// Which of the two numbers before the year is the day.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) enum DateOrder {
+    /// `31.12.2026`
+    #[default]
+    DayFirst,
+    /// `12/31/2026`
+    MonthFirst,
+}
+
+impl DateOrder {
+    /// The order in which the dates of a column follow each other, within the shorter time.
+    pub(crate) fn of<'a>(cells: impl Iterator<Item = &'a str> + Clone) -> Self {
+        let span_ms = |order: Self| {
+            let mut stamps = cells
+                .clone()
+                .filter_map(|cell| stamp_in_order_ms(cell, Decimal::Point, order));
+            let first = stamps.next()?;
+            let last = stamps.try_fold(first, |before, at| (at >= before).then_some(at))?;
+            Some(last - first)
+        };
+        match (span_ms(Self::DayFirst), span_ms(Self::MonthFirst)) {
+            (None, Some(_)) => Self::MonthFirst,
+            (Some(day_first), Some(month_first)) if month_first < day_first => Self::MonthFirst,
+            _ => Self::DayFirst,
+        }
+    }
+}
+
+/// A time of day without its zone, and the zone's distance from UTC \[ms\]: `09:00:00.5+01:00`.
+fn without_zone(time: &str) -> (&str, f64) {
+    let time = time.trim();
+    if let Some(time) = time.strip_suffix(['Z', 'z']) {
+        return (time.trim_end(), 0.0);
+    }
+    let Some(at) = time
+        .rfind(['+', '-'])
+        .filter(|at| time[..*at].contains(':'))
+    else {
+        return (time, 0.0);
+    };
+    let digits: String = time[at + 1..].chars().filter(|c| *c != ':').collect();
+    let is_zone = matches!(digits.len(), 2 | 4) && digits.bytes().all(|b| b.is_ascii_digit());
+    let (Some(hours), true) = (digits.get(..2).and_then(|h| h.parse::<f64>().ok()), is_zone) else {
+        return (time, 0.0);
+    };
+    let minutes = digits[2..].parse::<f64>().unwrap_or(0.0);
+    let sign = if time[at..].starts_with('-') {
+        -1.0
+    } else {
+        1.0
+    };
+    (
+        time[..at].trim_end(),
+        sign * 60_000.0 * (60.0 * hours + minutes),
+    )
+}
+
+/// A date with a time of day, such as `2026-03-02 09:00:00.004`, `02.03.2026 09:00:00`,
+/// `2026-03-02T09:00:00.004Z` or `2026-03-02T10:00:00+01:00`, or a time of day with two colons \[ms since
+/// the year 0 or since midnight, of UTC where the zone is there\]. Of dates with the year last, the day
+/// comes first unless it cannot.
 pub(crate) fn stamp_ms(cell: &str, decimal: Decimal) -> Option<f64> {
+    stamp_in_order_ms(cell, decimal, DateOrder::DayFirst)
+}
+
+/// The same in a stated order of day and month.
+pub(crate) fn stamp_in_order_ms(cell: &str, decimal: Decimal, order: DateOrder) -> Option<f64> {
     let cell = cell.trim().trim_matches('"').trim();
     let (date, time) = match cell.split_once(['T', ' ']) {
         Some((date, time)) if date.contains(['-', '/', '.']) && !date.contains(':') => {
@@ -73,7 +136,7 @@ pub(crate) fn stamp_ms(cell: &str, decimal: Decimal) -> Option<f64> {
         }
         _ => (None, cell),
     };
-    let time = time.trim().trim_end_matches('Z');
+    let (time, zone_ms) = without_zone(time);
     if time.matches(':').count() != 2 && !(date.is_some() && time.matches(':').count() == 1) {
         return None;
     }
@@ -86,7 +149,7 @@ pub(crate) fn stamp_ms(cell: &str, decimal: Decimal) -> Option<f64> {
         .or_else(|| time_of_day_ms(&time, Decimal::Point))
         .or_else(|| time_of_day_ms(&time, Decimal::Comma))?;
     let Some(date) = date else {
-        return Some(of_day);
+        return Some(of_day - zone_ms);
     };
     let parts: Vec<i64> = date
         .split(['-', '/', '.'])
@@ -95,8 +158,12 @@ pub(crate) fn stamp_ms(cell: &str, decimal: Decimal) -> Option<f64> {
     let [a, b, c] = parts[..] else {
         return None;
     };
-    let (year, month, day) = if a > 31 { (a, b, c) } else { (c, b, a) };
-    // Which of two numbers up to 12 is the month is not known; a recording of days is not expected.
+    let (year, month, day) = match order {
+        _ if a > 31 => (a, b, c),
+        DateOrder::DayFirst => (c, b, a),
+        DateOrder::MonthFirst => (c, a, b),
+    };
+    // A number above 12 is no month.
     let (month, day) = if month > 12 {
         (day, month)
     } else {
@@ -105,7 +172,7 @@ pub(crate) fn stamp_ms(cell: &str, decimal: Decimal) -> Option<f64> {
     if !(1..=12).contains(&month) || !(1..=31).contains(&day) {
         return None;
     }
-    Some(days(year, month, day) as f64 * DAY_MS + of_day)
+    Some(days(year, month, day) as f64 * DAY_MS + of_day - zone_ms)
 }
 
 /// Days since 1 March of the year 0 in the Gregorian calendar (Hatcher 1984, Q J R Astron Soc 25:53).
@@ -156,6 +223,51 @@ mod tests {
         assert_eq!(at(&mut clock, "23:59:59"), DAY_MS - 1000.0);
         assert_eq!(at(&mut clock, "0:00:01"), DAY_MS + 1000.0);
         assert_eq!(at(&mut clock, "0:00:00.5"), DAY_MS + 500.0);
+    }
+
+    #[test]
+    fn zones_are_distances_from_utc() {
+        let at = |text: &str| stamp_ms(text, Decimal::Point).unwrap();
+        let utc = at("2026-03-29T00:59:59.5Z");
+        for text in [
+            "2026-03-29T01:59:59.5+01:00",
+            "2026-03-29 02:59:59.5+0200",
+            "2026-03-28T19:59:59.5-05",
+            "2026-03-29 06:29:59.5 +05:30",
+        ] {
+            assert_eq!(at(text), utc, "{text}");
+        }
+        // The clock is put forward between these two, but no time passes.
+        assert_eq!(at("2026-03-29T03:00:00+02:00") - utc, 500.0);
+        assert_eq!(stamp_ms("09:00:00+1", Decimal::Point), None);
+    }
+
+    #[test]
+    fn the_order_of_day_and_month_is_the_one_in_which_dates_follow() {
+        let of = |cells: &[&str]| DateOrder::of(cells.iter().copied());
+        // January 31 to February 1.
+        assert_eq!(
+            of(&["01/31/2026 23:59:59", "02/01/2026 00:00:01"]),
+            DateOrder::MonthFirst
+        );
+        assert_eq!(
+            of(&["31/01/2026 23:59:59", "01/02/2026 00:00:01"]),
+            DateOrder::DayFirst
+        );
+        // A day rather than a month.
+        assert_eq!(
+            of(&["1/2/2026 23:59:59", "1/3/2026 00:00:01"]),
+            DateOrder::MonthFirst
+        );
+        assert_eq!(
+            of(&["2.1.2026 23:59:59", "3.1.2026 00:00:01"]),
+            DateOrder::DayFirst
+        );
+        assert_eq!(
+            of(&["1/2/2026 09:00:00", "1/2/2026 09:00:01"]),
+            DateOrder::DayFirst
+        );
+        assert_eq!(of(&[]), DateOrder::DayFirst);
     }
 
     #[test]

@@ -85,7 +85,7 @@ pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted], sheet: Option<&str>) 
             Ok(range) => range,
             Err(error) => return damaged(error.to_string()),
         };
-        match grid(&range, file, name, wanted) {
+        match grid_of(&range, file, name, wanted) {
             Ok((grid, told)) => {
                 let problems = told.problems();
                 // Cells that are no numbers would be reported again as missing ones.
@@ -95,7 +95,23 @@ pub fn parse(bytes: &[u8], file: &Path, wanted: &[Wanted], sheet: Option<&str>) 
                         problems,
                     };
                 }
+                let columns = grid.columns.clone();
                 let mut reading = grid.choose(file, wanted);
+                if sheet.is_none() && reading.table.is_some() {
+                    let others = names.iter().skip_while(|other| *other != name).skip(1);
+                    let others: Vec<&String> =
+                        others.filter(|other| !hidden.contains(other)).collect();
+                    let other = others.into_iter().find(|other| {
+                        check_sheet(&mut book, other).is_ok()
+                            && book.worksheet_range(other).is_ok_and(|range| {
+                                grid_of(&range, file, other, wanted)
+                                    .is_ok_and(|(grid, _)| !same(&grid.columns, &columns))
+                            })
+                    });
+                    reading
+                        .problems
+                        .extend(other.map(|other| second_sheet(file, name, other)));
+                }
                 if let Some(table) = &mut reading.table {
                     table.said.insert(0, format!("workbook, sheet `{name}`"));
                     if !hidden.is_empty() {
@@ -227,8 +243,29 @@ fn commas_of<'a>(texts: impl Iterator<Item = &'a str>) -> Commas {
     meaning
 }
 
+/// Whether two tables have the same cells; a missing one is equal to another.
+fn same(a: &[Vec<f64>], b: &[Vec<f64>]) -> bool {
+    let alike = |x: &f64, y: &f64| x == y || x.is_nan() && y.is_nan();
+    a.len() == b.len()
+        && a.iter()
+            .zip(b)
+            .all(|(a, b)| a.len() == b.len() && a.iter().zip(b).all(|(x, y)| alike(x, y)))
+}
+
+/// A warning that a further sheet has the table, with other numbers.
+fn second_sheet(file: &Path, read: &str, other: &str) -> Problem {
+    Problem::warning(
+        file,
+        format!(
+            "the table in the sheets `{read}`, which is read, and `{other}`, with other numbers"
+        ),
+        "one visible sheet with the table",
+        "name the right one with `sheet` in prepare.toml",
+    )
+}
+
 /// The table of a sheet. The header is the first row whose names fit all required quantities.
-fn grid(
+fn grid_of(
     range: &Range<Data>,
     file: &Path,
     sheet: &str,

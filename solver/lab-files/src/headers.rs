@@ -123,7 +123,18 @@ const FLOW: Dimension = Dimension {
 };
 const VOLTAGE: Dimension = Dimension {
     name: "a voltage",
-    units: &[("mv", 1.0), ("uv", 1e-3), ("µv", 1e-3), ("v", 1e3)],
+    units: &[
+        ("mv", 1.0),
+        ("millivolt", 1.0),
+        ("millivolts", 1.0),
+        ("uv", 1e-3),
+        ("µv", 1e-3),
+        ("microvolt", 1e-3),
+        ("microvolts", 1e-3),
+        ("v", 1e3),
+        ("volt", 1e3),
+        ("volts", 1e3),
+    ],
 };
 const VOLUME: Dimension = Dimension {
     name: "a volume",
@@ -291,6 +302,15 @@ pub(crate) const KNOWN: [Known; 6] = [
             "ecgleadii",
             "ecgleadi",
             "egm",
+            "electrocardiogram",
+            "electrocardiograph",
+            "elektrokardiogramm",
+            "elektrokardiogram",
+            "ableitung",
+            "ableitungi",
+            "ableitungii",
+            "ableitungiii",
+            "surfaceecg",
         ],
         general: &[],
         first_of_several: true,

@@ -58,6 +58,8 @@ struct Block {
     has_time: bool,
     /// Whether a column of dates stands before the times.
     has_date: bool,
+    /// Whether rows lack the tabs of empty channels at their end.
+    is_trimmed: bool,
     /// Clock of the times, which may pass midnight.
     clock: Clock,
     /// Most decimals of a time in seconds.
@@ -317,6 +319,9 @@ impl Reader<'_> {
         while cells.len() > expected && cells.last().is_some_and(|cell| cell.is_empty()) {
             cells.pop();
         }
+        while block.is_trimmed && cells.len() < expected {
+            cells.push("");
+        }
         if cells.len() != expected {
             let problem = Problem::error(
                 self.file,
@@ -402,11 +407,25 @@ fn is_date(cell: &str) -> bool {
 
 /// Number of rows from which the form of a block is seen.
 const PROBE: usize = 200;
+/// Number of rows over which no channel but a time rises all the time.
+const RISING: usize = 20;
+
+/// Whether numbers rise as times do: by the interval, or for longer than any signal.
+fn rises_as_time(times_ms: &[f64], interval_ms: Option<f64>) -> bool {
+    let steps = || times_ms.windows(2).map(|pair| pair[1] - pair[0]);
+    let by_interval = |interval: f64| steps().all(|step| (step - interval).abs() <= 0.5 * interval);
+    let rises = steps().all(|step| step >= 0.0) && steps().any(|step| step > 0.0);
+    match times_ms.len() {
+        0 | 1 => false,
+        n if n < RISING => interval_ms.is_some_and(by_interval),
+        _ => rises,
+    }
+}
 
 impl Block {
     /// Sees from the first rows whether there are columns of dates and times: from the most cells that
-    /// a row has. Where rows have as many cells as there are channels and one more that is empty, the
-    /// first column is a time if it rises by the interval.
+    /// a row has. Where no more cells are filled than there are channels, the last channels may be empty,
+    /// with their tabs or without them: the first column is a time if it rises as one.
     fn form(&mut self, lines: &[&str], decimal: Decimal) {
         let n = self.titles.len();
         let rows: Vec<Vec<&str>> = lines
@@ -429,20 +448,19 @@ impl Block {
         };
         let most = rows.iter().map(filled).max().unwrap_or(0);
         let written = rows.iter().map(Vec::len).max().unwrap_or(0);
-        self.has_time = if most != n + skip || written <= n + skip {
-            written != n + skip
+        self.has_time = if written > n + skip && most != n + skip {
+            true
         } else {
-            let times: Vec<Option<f64>> = rows
+            let mut clock = Clock::default();
+            let times: Option<Vec<f64>> = rows
                 .iter()
-                .map(|row| time_of_day_ms(row[skip], decimal))
+                .map(|row| clock.count_on(time_of_day_ms(row.get(skip)?, decimal)?))
                 .collect();
-            let interval = self.interval_ms.unwrap_or(f64::NAN);
-            times.len() > 1
-                && times.windows(2).all(|pair| match pair {
-                    [Some(a), Some(b)] => (b - a - interval).abs() <= 0.5 * interval,
-                    _ => false,
-                })
+            times.is_some_and(|times| rises_as_time(&times, self.interval_ms))
         };
+        // Editors and scripts take tabs from the ends of lines: the last channels are empty.
+        let expected = n + skip + usize::from(self.has_time);
+        self.is_trimmed = written < expected && written > skip + usize::from(self.has_time);
     }
 
     /// A time as seconds or hours:minutes:seconds, in ms; after midnight it counts on.

@@ -80,7 +80,10 @@ fn slow(text: &[u8], decimal: Decimal) -> Option<f64> {
 
 /// Whether a cell stands for a lost sample.
 pub(crate) fn is_missing(cell: &[u8]) -> bool {
-    const WORDS: [&[u8]; 6] = [b"", b"nan", b"na", b"n/a", b"null", b"#n/a"];
+    const WORDS: [&[u8]; 13] = [
+        b"", b"nan", b"na", b"n/a", b"n.a.", b"null", b"none", b"#n/a", b"#num!", b"#div/0!", b"-",
+        b"--", b"---",
+    ];
     WORDS.iter().any(|word| cell.eq_ignore_ascii_case(word))
 }
 

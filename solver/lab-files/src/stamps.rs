@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use crate::clock::{Clock, stamp_ms};
+use crate::clock::{Clock, DateOrder, stamp_in_order_ms, stamp_ms};
 use crate::dialect::cells;
 use crate::headers::{KNOWN, Label, is_unit};
 use crate::number::Decimal;
@@ -38,6 +38,11 @@ pub(crate) fn without_stamps<'a>(decoded: &Decoded<'a>) -> Option<(Decoded<'a>, 
         .unit
         .and_then(|unit| KNOWN[0].dimension.factor(&unit));
     let with_comma = separator != b',' && decimal_comma(&lines[first..], separator);
+    let of_column = text
+        .lines()
+        .skip(first)
+        .filter_map(|line| cells(line, separator).get(place).copied());
+    let order = DateOrder::of(of_column);
     let (mut clock, mut begin) = (Clock::default(), None);
     let mut out = String::with_capacity(text.len());
     for (i, line) in text.lines().enumerate() {
@@ -51,7 +56,8 @@ pub(crate) fn without_stamps<'a>(decoded: &Decoded<'a>) -> Option<(Decoded<'a>, 
             } else if i == header && factor.is_none() && !units_below {
                 *cell = Cow::Owned(format!("{} (ms)", name.trim_matches('"')));
             } else if i >= first
-                && let Some(ms) = stamp_ms(cell, Decimal::Point).and_then(|ms| clock.count_on(ms))
+                && let Some(ms) =
+                    stamp_in_order_ms(cell, Decimal::Point, order).and_then(|ms| clock.count_on(ms))
             {
                 let since = ms - *begin.get_or_insert(ms);
                 let value = since / factor.unwrap_or(1.0);

@@ -16,9 +16,18 @@ pub struct Decoded<'a> {
     pub encoding: &'static str,
 }
 
-/// Decodes a text. `None` for a binary file.
+/// Decodes a text. `None` for a binary file. Line ends of old Macs, a carriage return alone, become
+/// line feeds.
 #[must_use]
 pub fn decode(bytes: &[u8]) -> Option<Decoded<'_>> {
+    let mut decoded = in_its_encoding(bytes)?;
+    if decoded.text.contains('\r') && !decoded.text.contains('\n') {
+        decoded.text = Cow::Owned(decoded.text.replace('\r', "\n"));
+    }
+    Some(decoded)
+}
+
+fn in_its_encoding(bytes: &[u8]) -> Option<Decoded<'_>> {
     if let Some(rest) = bytes.strip_prefix(b"\xff\xfe") {
         return utf_16(rest, UTF_16LE, "UTF-16 (little endian)");
     }
@@ -88,6 +97,12 @@ mod tests {
                 }
             })
             .collect()
+    }
+
+    #[test]
+    fn line_ends_of_old_macs_are_line_ends() {
+        assert_eq!(decode(b"t,p\r0,7\r").unwrap().text, "t,p\n0,7\n");
+        assert_eq!(decode(b"t,p\r\n0,7\r\n").unwrap().text, "t,p\r\n0,7\r\n");
     }
 
     #[test]

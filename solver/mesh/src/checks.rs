@@ -28,8 +28,9 @@ use std::collections::{BTreeMap, HashMap};
 
 /// Largest accepted deviation of a fibre's length from one.
 const UNIT_TOLERANCE: f64 = 1e-3;
-/// Cosine of the angle up to which two fibres have one direction (1.8°).
-const ALIKE: f64 = 0.9995;
+/// Cosine of the angle up to which two fibres have one direction (26°): a placeholder with noise or a
+/// little bent is one too. The fibres of a ventricle turn by more than 90°.
+const ALIKE: f64 = 0.9;
 /// Nodes count as doubled if their distance is less than this share of the mean edge.
 pub(crate) const DOUBLED: f64 = 1e-4;
 

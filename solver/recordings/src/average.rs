@@ -265,7 +265,8 @@ impl Frame<'_> {
             }
             let ((t0, b0), (t1, b1)) = (warp[corner], warp[corner + 1]);
             let since = beat.onset_ms + b0 + (b1 - b0) * (t - t0) / (t1 - t0);
-            at(values, self.recording.position(since)) - drift.map_or(0.0, |d| d.at(since))
+            let drift = drift.map_or(0.0, |d| d.at(self.recording.elapsed_ms(since)));
+            at(values, self.recording.position(since)) - drift
         })
     }
 

@@ -3,7 +3,7 @@
 
 use cardiotwin_vocabulary::preparation::{BeatSource, BeatsStep};
 
-use crate::filter::{centre_and_spread, smooth};
+use crate::filter::{centre_and_spread, median, smooth};
 use crate::landmarks::{refine, usual_course};
 use crate::recording::Recording;
 use crate::{r_waves, upstrokes};
@@ -22,6 +22,9 @@ const RISE_MS: f64 = 70.0;
 /// Share of beats in which the pressure must rise once for R waves to be believed. Where each T wave
 /// counts as well, it is half; a heart with many beats that do not eject is above.
 const AGREES: f64 = 0.6;
+/// Spread of the time from R wave to steepest rise, as a share of the usual beat, above which the two
+/// belong to different hearts or clocks. Of one heart it is some hundredths.
+const SCATTER: f64 = 0.08;
 /// Difference of delays from which a cleaned signal is preferred \[ms\].
 const CLEARLY_MS: f64 = 20.0;
 /// Share of the maximal slope below which the pressure has not begun to rise.
@@ -76,6 +79,11 @@ pub enum EcgRefused {
         once: usize,
         /// All beats between R waves.
         of: usize,
+    },
+    /// The pressure rises at any time after its R waves, as if they were another heart's.
+    Scattered {
+        /// Spread of the time from the R wave to the steepest rise \[ms\].
+        spread_ms: f64,
     },
 }
 
@@ -144,7 +152,10 @@ pub fn find(recording: &Recording, settings: &BeatsStep) -> Result<FoundBeats, B
         },
         Some(BeatSource::Given) => {
             seen = EcgSeen::default();
-            let given = settings.onsets_ms.iter().map(|t| t - recording.begin_ms);
+            let given = settings
+                .onsets_ms
+                .iter()
+                .map(|t| recording.since_begin_ms(*t));
             (BeatSource::Given, given.collect())
         }
     };
@@ -209,6 +220,8 @@ struct RWaves {
     of: usize,
     /// Usual time from the R wave to the steepest rise, and its spread \[ms\].
     delay_ms: (f64, f64),
+    /// Usual length of the beats \[ms\].
+    length_ms: f64,
     empty: bool,
 }
 
@@ -269,6 +282,7 @@ impl RWaves {
             once: delays.len(),
             of: beats.len(),
             delay_ms: centre_and_spread(&delays),
+            length_ms: median(beats.iter().map(|beat| beat.length_ms)),
             empty,
         }
     }
@@ -278,7 +292,11 @@ impl RWaves {
     }
 
     fn agrees(&self) -> bool {
-        self.of > 0 && self.share() >= AGREES
+        self.of > 0 && self.share() >= AGREES && !self.is_scattered()
+    }
+
+    fn is_scattered(&self) -> bool {
+        self.delay_ms.1 > SCATTER * self.length_ms
     }
 
     /// Whether these R waves agree better with the pressure: clearly more beats with one rise, or as
@@ -296,6 +314,10 @@ impl RWaves {
     fn refusal(&self) -> EcgRefused {
         if self.empty {
             EcgRefused::Empty
+        } else if self.of > 0 && self.share() >= AGREES {
+            EcgRefused::Scattered {
+                spread_ms: self.delay_ms.1,
+            }
         } else {
             EcgRefused::Disagrees {
                 once: self.once,

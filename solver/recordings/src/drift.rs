@@ -52,9 +52,12 @@ pub fn of(
     let points: Vec<(f64, f64)> = beats
         .iter()
         .step_by(every)
-        .filter_map(|beat| Some((beat.onset_ms, diastolic(recording, pressure_mmhg, beat)?)))
+        .filter_map(|beat| {
+            let elapsed_ms = recording.elapsed_ms(beat.onset_ms);
+            Some((elapsed_ms, diastolic(recording, pressure_mmhg, beat)?))
+        })
         .collect();
-    let points = if recording.length_ms() < BREATHS_MS {
+    let points = if recording.duration_ms() < BREATHS_MS {
         without_breath(points)
     } else {
         points
@@ -77,12 +80,12 @@ pub fn of(
     // Neighbouring beats share a phase of breathing, so that only every second one counts as
     // independent.
     let error = sd / width * 2.0_f64.sqrt();
-    let over_all = (slope * recording.length_ms()).abs();
+    let over_all = (slope * recording.duration_ms()).abs();
     let seen = over_all >= LEAST_MMHG && slope.abs() > LEAST_ERRORS * error;
     let reference_ms = match settings.zero_at {
         ZeroAt::Begin => 0.0,
-        ZeroAt::Middle => 0.5 * recording.length_ms(),
-        ZeroAt::End => recording.length_ms(),
+        ZeroAt::Middle => 0.5 * recording.duration_ms(),
+        ZeroAt::End => recording.duration_ms(),
     };
     Some(Drift {
         mmhg_per_min: slope * 60_000.0,
@@ -164,12 +167,12 @@ fn fit(points: &[(f64, f64)], wave: Option<f64>, middle: f64, width: f64) -> Opt
 }
 
 impl Drift {
-    /// Change of the pressure by the drift at a time after the recording's beginning \[mmHg\]; zero
-    /// if the drift was not removed.
+    /// Change of the pressure by the drift at a time on the file's clock after the recording's beginning
+    /// ([`Recording::elapsed_ms`]) \[mmHg\]; zero if the drift was not removed.
     #[must_use]
-    pub fn at(&self, since_begin_ms: f64) -> f64 {
+    pub fn at(&self, elapsed_ms: f64) -> f64 {
         if self.removed {
-            self.mmhg_per_min / 60_000.0 * (since_begin_ms - self.reference_ms)
+            self.mmhg_per_min / 60_000.0 * (elapsed_ms - self.reference_ms)
         } else {
             0.0
         }

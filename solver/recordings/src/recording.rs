@@ -14,9 +14,13 @@ const STEPS_MS: std::ops::RangeInclusive<f64> = 0.05..=20.0;
 /// Largest number of samples on a grid. Gaps are filled with missing samples, and a time that is
 /// wrong by hours must not exhaust the memory.
 const MOST: usize = 200_000_000;
-/// Number of samples on a grid up to which a recording may consist of gaps almost entirely: pauses of
-/// an hour at 1 kHz.
+/// Number of samples on a grid up to which a recording may consist of gaps almost entirely.
 const WITH_PAUSES: f64 = 4e6;
+/// Longest gap that the grid contains in full \[ms\]. It is longer than any beat, so that no beat spans
+/// it, and of a longer pause the rest needs no samples.
+const LONGEST_GAP_MS: f64 = 10_000.0;
+/// Largest distance from a sample, in steps, at which its value is taken.
+const AT_SAMPLE: f64 = 0.02;
 
 /// Reasons why samples do not form a recording.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -69,7 +73,21 @@ pub struct Channels {
     pub lv_volume_ml: Option<Vec<f64>>,
 }
 
+/// Part of a long gap that the grid leaves out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pause {
+    /// Position of the first sample behind the gap on the grid, after the first sample \[ms\].
+    pub until_ms: f64,
+    /// Length of the whole gap \[ms\].
+    pub gap_ms: f64,
+    /// Time that the grid leaves out \[ms\].
+    pub left_out_ms: f64,
+}
+
 /// Channels on a common grid; a missing sample is NaN.
+///
+/// Positions and times "after the first sample" are those of the grid. The clock of the file runs on in
+/// pauses, of which the grid leaves a part out.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Recording {
     /// Time of the first sample \[ms\].
@@ -78,6 +96,8 @@ pub struct Recording {
     pub step_ms: f64,
     /// Channels on the grid.
     pub channels: Channels,
+    /// Pauses of which the grid leaves out a part, in temporal order.
+    pub pauses: Vec<Pause>,
 }
 
 impl Recording {
@@ -110,7 +130,9 @@ impl Recording {
         } else {
             usual
         };
-        let n_grid = ((last_ms - first_ms) / step_ms).round() + 1.0;
+        let (time_ms, pauses) = without_pauses(time_ms, step_ms);
+        let time_ms = time_ms.as_slice();
+        let n_grid = ((time_ms[n - 1] - first_ms) / step_ms).round() + 1.0;
         if n_grid > MOST as f64 || n_grid > (50.0 * n as f64).max(WITH_PAUSES) {
             return Err(RecordingError::Span {
                 first_ms,
@@ -139,6 +161,7 @@ impl Recording {
                 ecg_mv: place(channels.ecg_mv),
                 lv_volume_ml: place(channels.lv_volume_ml),
             },
+            pauses,
         })
     }
 
@@ -160,10 +183,44 @@ impl Recording {
         self.leading_pressure().len()
     }
 
-    /// Length of the recording \[ms\].
+    /// Length of the grid \[ms\], without what is left out of pauses.
     #[must_use]
     pub fn length_ms(&self) -> f64 {
         self.n_samples().saturating_sub(1) as f64 * self.step_ms
+    }
+
+    /// Time from the first to the last sample on the file's clock \[ms\].
+    #[must_use]
+    pub fn duration_ms(&self) -> f64 {
+        self.elapsed_ms(self.length_ms())
+    }
+
+    /// Time on the file's clock since the first sample, of a time on the grid \[ms\].
+    #[must_use]
+    pub fn elapsed_ms(&self, since_begin_ms: f64) -> f64 {
+        // A beat that begins with the first sample behind a pause is behind it.
+        let before = |pause: &&Pause| pause.until_ms <= since_begin_ms + 0.5 * self.step_ms;
+        let left_out: f64 = self
+            .pauses
+            .iter()
+            .take_while(before)
+            .map(|pause| pause.left_out_ms)
+            .sum();
+        since_begin_ms + left_out
+    }
+
+    /// Time on the grid after the first sample, of a time on the file's clock \[ms\]. Times within what
+    /// is left out of a pause are its end.
+    #[must_use]
+    pub fn since_begin_ms(&self, clock_ms: f64) -> f64 {
+        let mut since = clock_ms - self.begin_ms;
+        for pause in &self.pauses {
+            if since < pause.until_ms {
+                break;
+            }
+            since = (since - pause.left_out_ms).max(pause.until_ms);
+        }
+        since
     }
 
     /// Number of samples in a time \[ms\], at least one.
@@ -175,6 +232,33 @@ impl Recording {
     pub(crate) fn position(&self, since_begin_ms: f64) -> f64 {
         since_begin_ms / self.step_ms
     }
+}
+
+/// Times in which gaps are no longer than [`LONGEST_GAP_MS`], and what was left out of them. The samples
+/// behind a pause lie on the grid of those before it, because their distance is a number of steps.
+fn without_pauses(time_ms: &[f64], step_ms: f64) -> (Vec<f64>, Vec<Pause>) {
+    let mut pauses = Vec::new();
+    let mut left_out_ms = 0.0;
+    let mut out = Vec::with_capacity(time_ms.len());
+    let mut before = time_ms[0];
+    for time in time_ms {
+        let gap_ms = time - before;
+        if gap_ms > LONGEST_GAP_MS + step_ms {
+            let since: f64 = before - left_out_ms - time_ms[0];
+            // The next place on the grid from which the gap is at least the longest one.
+            let until_ms = ((since + LONGEST_GAP_MS) / step_ms).ceil() * step_ms;
+            let of_this = time - left_out_ms - time_ms[0] - until_ms;
+            left_out_ms += of_this;
+            pauses.push(Pause {
+                until_ms,
+                gap_ms,
+                left_out_ms: of_this,
+            });
+        }
+        out.push(time - left_out_ms);
+        before = *time;
+    }
+    (out, pauses)
 }
 
 struct Grid<'a> {
@@ -195,9 +279,11 @@ impl Grid<'_> {
                 }
                 let (t0, t1) = (self.time_ms[j], self.time_ms[j + 1]);
                 let share = (t - t0) / (t1 - t0);
-                if share < 0.02 {
+                // A sample's value is that of its own time, not of a share of the gap behind it.
+                let near = AT_SAMPLE * self.step_ms;
+                if t - t0 < near {
                     values[j]
-                } else if share > 0.98 {
+                } else if t1 - t < near {
                     values[j + 1]
                 } else if t1 - t0 > GAP_STEPS * self.step_ms {
                     f64::NAN
@@ -275,6 +361,44 @@ mod tests {
     }
 
     #[test]
+    fn a_pause_of_any_length_costs_the_grid_ten_seconds_and_the_clock_runs_on() {
+        for pause_ms in [11_000.0, 3.6e6, 86_400_000.3, 6e8] {
+            let time: Vec<f64> = (0..800)
+                .map(|i| 250.0 + 4.0 * f64::from(i) + if i < 300 { 0.0 } else { pause_ms })
+                .collect();
+            let r = made(&time, |t| t).unwrap();
+            let p = r.leading_pressure();
+            assert!(p.len() < 800 + 2510, "{} samples", p.len());
+            // Every sample is there with its own value, and the gap has none.
+            let found: Vec<f64> = p.iter().copied().filter(|v| v.is_finite()).collect();
+            assert_eq!(found, time);
+            // Both clocks agree with each other and with the file.
+            for (i, v) in p.iter().enumerate().filter(|(_, v)| v.is_finite()) {
+                let since = i as f64 * r.step_ms;
+                assert!((r.begin_ms + r.elapsed_ms(since) - v).abs() < 1e-6, "{i}");
+                assert!((r.since_begin_ms(*v) - since).abs() < 1e-6, "{i}");
+            }
+            assert!((r.duration_ms() - (799.0 * 4.0 + pause_ms)).abs() < 1e-6);
+            assert_eq!(r.pauses.len(), 1);
+            assert!((r.pauses[0].gap_ms - pause_ms - 4.0).abs() < 1e-6);
+            // A time within the pause is its end.
+            let within = r.since_begin_ms(250.0 + 0.9 * pause_ms);
+            assert!(within <= r.pauses[0].until_ms, "{within}");
+        }
+    }
+
+    #[test]
+    fn a_gap_has_no_sample_of_either_side() {
+        let time: Vec<f64> = (0..2000)
+            .map(|i| 4.0 * f64::from(i) + if i < 1000 { 0.0 } else { 9000.0 })
+            .collect();
+        let r = made(&time, |t| t).unwrap();
+        let p = r.leading_pressure();
+        assert_eq!(p.iter().filter(|v| v.is_finite()).count(), 2000);
+        assert!(p[1000..1000 + 2250].iter().all(|v| v.is_nan()));
+    }
+
+    #[test]
     fn rounded_stamps_are_interpolated() {
         let time: Vec<f64> = (0..300).map(|i| (f64::from(i) * 4.9).round()).collect();
         let r = made(&time, |t| 2.0 * t).unwrap();
@@ -290,8 +414,10 @@ mod tests {
             made(&seconds, |t| t),
             Err(RecordingError::Step { .. })
         ));
-        let mut far: Vec<f64> = (0..500).map(f64::from).collect();
-        far[499] = 1e12;
+        // More than half of the samples are lost, far apart from each other.
+        let far: Vec<f64> = (0..40_000)
+            .map(|i| f64::from(i) * 0.05 + 8000.0 * f64::from(i * 2 / 5))
+            .collect();
         assert!(matches!(
             made(&far, |t| t),
             Err(RecordingError::Span { .. })

@@ -9,6 +9,8 @@ use crate::recording::{Recording, at};
 
 /// Number of neighbours on either side whose median is a beat's usual length.
 const NEIGHBOURS: usize = 6;
+/// Number of beats that must tell the usual length. With fewer, the times between pressure rises tell it.
+const FEWEST_THAT_TELL: usize = 3;
 /// Smallest relative difference from the usual length for which a beat counts as short.
 const SHORT: f64 = 0.15;
 /// Smallest relative difference from the usual length for which a beat counts as long.
@@ -126,8 +128,8 @@ pub fn judge(recording: &Recording, found: &FoundBeats, settings: &RejectStep) -
     }
     for (number, (beat, reasons)) in (1..).zip(beats.iter().zip(&mut reasons)) {
         let (from, to) = (
-            recording.begin_ms + beat.onset_ms,
-            recording.begin_ms + beat.onset_ms + beat.length_ms,
+            recording.begin_ms + recording.elapsed_ms(beat.onset_ms),
+            recording.begin_ms + recording.elapsed_ms(beat.onset_ms) + beat.length_ms,
         );
         let inside = settings
             .leave_out_ms
@@ -219,8 +221,13 @@ fn timing(found: &FoundBeats, reasons: &mut [Vec<Reason>]) {
         .zip(reasons.iter())
         .map(|(beat, reasons)| reasons.is_empty() && rises_of(beat, &found.rises_ms) == 1)
         .collect();
+    let few = tells.iter().filter(|tells| **tells).count() < FEWEST_THAT_TELL;
+    let between_rises = median(found.rises_ms.windows(2).map(|pair| pair[1] - pair[0]));
     let shares: Vec<f64> = (0..beats.len())
         .map(|i| {
+            if few && between_rises.is_finite() {
+                return beats[i].length_ms / between_rises;
+            }
             let near = i.saturating_sub(NEIGHBOURS)..(i + NEIGHBOURS + 1).min(beats.len());
             let mut usual = median(
                 near.clone()

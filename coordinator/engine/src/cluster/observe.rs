@@ -298,7 +298,7 @@ impl<S: Scheduler> Cluster<S> {
         let why = alive
             .why
             .as_ref()
-            .map(|why| why.words.clone())
+            .map(|why| why.words_for(alive.id))
             .unwrap_or_default();
         self.look(name, element, |seen| {
             seen.why = why;

@@ -87,7 +87,10 @@ pub fn facts(traces: &OwnTraces, made: &Made, patient: &PatientFile) -> Vec<Fact
         ),
         fact(
             "time",
-            format!("{n_rows} samples in {:.2} s", 1e-3 * recording.length_ms()),
+            format!(
+                "{n_rows} samples in {:.2} s",
+                1e-3 * recording.duration_ms()
+            ),
             (origin, traces.time.1.clone()),
         ),
     ];

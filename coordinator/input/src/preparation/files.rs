@@ -66,7 +66,7 @@ fn beats(folder: &RawFolder, prepared: &Prepared) -> String {
             text,
             "{},{:.2},{:.2},{},{},\"{}\"",
             number,
-            folder.recording.begin_ms + beat.onset_ms,
+            folder.recording.begin_ms + folder.recording.elapsed_ms(beat.onset_ms),
             beat.length_ms,
             if reasons.is_empty() { "yes" } else { "no" },
             reasons.first().map_or("", |reason| reason.kind()),

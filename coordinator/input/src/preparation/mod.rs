@@ -80,6 +80,9 @@ fn contradictions_of(
         .lv_pressure
         .as_ref()
         .and_then(|lv| Trace::uniform(Quantity::Pressure, average.step_ms, lv.mean.clone()).ok());
+    let aortic_pressure = average.aortic_pressure.as_ref().and_then(|aorta| {
+        Trace::uniform(Quantity::Pressure, average.step_ms, aorta.mean.clone()).ok()
+    });
     let volume = prepared.volume.as_ref().and_then(|volume| {
         let frames = &volume.synchronised;
         Trace::new(
@@ -92,6 +95,7 @@ fn contradictions_of(
     let told = Facts {
         cycle_ms: average.cycle_length_ms,
         pressure: pressure.as_ref(),
+        aortic_pressure: aortic_pressure.as_ref(),
         volume: volume.as_ref(),
         aorta: facts
             .aortic
@@ -108,13 +112,13 @@ fn contradictions_of(
 }
 
 fn beats(folder: &RawFolder, prepared: &Prepared) -> BeatsFound {
-    let begin = folder.recording.begin_ms;
+    let recording = &folder.recording;
     let left_out: Vec<BeatLeftOut> = prepared
         .judged()
         .filter_map(|(number, beat, reasons)| {
             Some(BeatLeftOut {
                 number,
-                onset_ms: begin + beat.onset_ms,
+                onset_ms: recording.begin_ms + recording.elapsed_ms(beat.onset_ms),
                 length_ms: beat.length_ms,
                 kind: reasons.first()?.kind().to_owned(),
                 reasons: reasons.iter().map(ToString::to_string).collect(),

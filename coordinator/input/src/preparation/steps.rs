@@ -57,6 +57,11 @@ fn of_ecg(prepared: &Prepared) -> Vec<String> {
              {of} beats between its R waves: beats begin with the pressure's rise. Check the lead, \
              or set source in [steps.beats]"
         )),
+        Some(EcgRefused::Scattered { spread_ms }) => said.push(format!(
+            "the electrocardiogram does not agree with the pressure, whose rises come at any time \
+             after its R waves (they vary by {spread_ms:.0} ms): beats begin with the pressure's rise. \
+             Check that both are of the same patient and clock, or set source in [steps.beats]"
+        )),
         None => {}
     }
     if seen.refused.is_none() && seen.without_ms > WITHOUT_ECG_MS {
@@ -77,6 +82,34 @@ fn of_ecg(prepared: &Prepared) -> Vec<String> {
         None => {}
     }
     said
+}
+
+/// Pause from which the heart may have changed, so that a warning is given, ms.
+const LONG_PAUSE_MS: f64 = 600_000.0;
+
+/// A warning about long pauses: beats of both sides are averaged together.
+fn of_pauses(folder: &RawFolder) -> Option<String> {
+    let recording = &folder.recording;
+    let long: Vec<String> = recording
+        .pauses
+        .iter()
+        .filter(|pause| pause.gap_ms >= LONG_PAUSE_MS)
+        .map(|pause| {
+            let begin_ms = recording.begin_ms + recording.elapsed_ms(pause.until_ms) - pause.gap_ms;
+            format!(
+                "{:.1} min after {:.1} s",
+                pause.gap_ms / 60_000.0,
+                1e-3 * begin_ms
+            )
+        })
+        .collect();
+    (!long.is_empty()).then(|| {
+        format!(
+            "the recording pauses for {}: beats of both sides are averaged; if the heart changed \
+             meanwhile, leave one side out with leave_out_ms in [steps.reject]",
+            long.join(" and for ")
+        )
+    })
 }
 
 /// Descriptions of all steps in their order.
@@ -523,6 +556,7 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
             "there is no ventricular pressure: a patient needs one, or its biomarkers".to_owned(),
         );
     }
+    said.extend(of_pauses(folder));
     said.extend(of_ecg(prepared));
     let of_images = prepared.volume.as_ref();
     let Some(volume) = of_images.filter(|volume| !volume.on_pressure_clock) else {

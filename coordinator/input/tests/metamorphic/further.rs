@@ -64,14 +64,14 @@ fn pauses(rows: &Rows, out: &mut Vec<Variant>) {
     }
 }
 
-fn labchart_header(format: &str, date: &str) -> String {
+pub(super) fn labchart_header(format: &str, date: &str) -> String {
     format!(
         "Interval=\t0.004 s\nExcelDateTime=\t{date}\t1/1/2022\nTimeFormat=\t{format}\n\
          ChannelTitle=\tLVP\tAoP\tECG\nRange=\t1 V\t1 V\t1 V\nUnitName=\tmmHg\tmmHg\tmV\n"
     )
 }
 
-fn labchart(name: impl Into<String>, text: String) -> Variant {
+pub(super) fn labchart(name: impl Into<String>, text: String) -> Variant {
     Variant::same(name, "catheter.txt", text.into_bytes())
 }
 
@@ -277,42 +277,62 @@ fn edf_headers(rows: &Rows, out: &mut Vec<Variant>) {
     });
 }
 
-/// A workbook of one sheet, with all cells as text.
-fn workbook(rows: impl Iterator<Item = Vec<String>>) -> Vec<u8> {
-    let mut sheet = "<worksheet xmlns=\"http://schemas.openxmlformats.org/spreadsheetml/2006/main\"><sheetData>".to_owned();
-    for (i, row) in rows.enumerate() {
-        let _ = write!(sheet, "<row r=\"{}\">", i + 1);
-        for (k, cell) in row.iter().enumerate() {
-            let column = char::from(b'A' + u8::try_from(k).unwrap());
-            let cell = cell.replace('\'', "&apos;");
-            let _ = write!(
-                sheet,
-                "<c r=\"{column}{}\" t=\"inlineStr\"><is><t>{cell}</t></is></c>",
-                i + 1
-            );
+/// A workbook of sheets with all cells as text.
+pub(super) fn workbook(sheets: &[Vec<Vec<String>>]) -> Vec<u8> {
+    const TYPE: &str = "application/vnd.openxmlformats-officedocument.spreadsheetml";
+    const RELATION: &str = "http://schemas.openxmlformats.org/officeDocument/2006/relationships";
+    const PACKAGE: &str = "http://schemas.openxmlformats.org/package/2006";
+    const MAIN: &str = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
+    let (mut types, mut list, mut links) = (String::new(), String::new(), String::new());
+    let mut parts = Vec::new();
+    for (n, rows) in (1..).zip(sheets) {
+        let mut sheet = format!("<worksheet xmlns=\"{MAIN}\"><sheetData>");
+        for (i, row) in rows.iter().enumerate() {
+            let _ = write!(sheet, "<row r=\"{}\">", i + 1);
+            for (k, cell) in row.iter().enumerate() {
+                let column = char::from(b'A' + u8::try_from(k).unwrap());
+                let cell = cell.replace('\'', "&apos;");
+                let _ = write!(
+                    sheet,
+                    "<c r=\"{column}{}\" t=\"inlineStr\"><is><t>{cell}</t></is></c>",
+                    i + 1
+                );
+            }
+            sheet += "</row>";
         }
-        sheet += "</row>";
+        sheet += "</sheetData></worksheet>";
+        parts.push((format!("xl/worksheets/sheet{n}.xml"), sheet));
+        let _ = write!(
+            types,
+            "<Override PartName=\"/xl/worksheets/sheet{n}.xml\" ContentType=\"{TYPE}.worksheet+xml\"/>"
+        );
+        let _ = write!(
+            list,
+            "<sheet name=\"Sheet{n}\" sheetId=\"{n}\" r:id=\"rId{n}\"/>"
+        );
+        let _ = write!(
+            links,
+            "<Relationship Id=\"rId{n}\" Type=\"{RELATION}/worksheet\" Target=\"worksheets/sheet{n}.xml\"/>"
+        );
     }
-    sheet += "</sheetData></worksheet>";
-    let parts = [
+    parts.extend([
         (
-            "[Content_Types].xml",
-            "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\"><Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/><Override PartName=\"/xl/workbook.xml\" ContentType=\"application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml\"/><Override PartName=\"/xl/worksheets/sheet1.xml\" ContentType=\"application/vnd.openxmlformats-officedocument.spreadsheetml.worksheet+xml\"/></Types>",
+            "[Content_Types].xml".to_owned(),
+            format!("<Types xmlns=\"{PACKAGE}/content-types\"><Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/><Override PartName=\"/xl/workbook.xml\" ContentType=\"{TYPE}.sheet.main+xml\"/>{types}</Types>"),
         ),
         (
-            "_rels/.rels",
-            "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\"><Relationship Id=\"rId1\" Type=\"http://schemas.openxmlformats.org/officeDocument/2006/relationships/officeDocument\" Target=\"xl/workbook.xml\"/></Relationships>",
+            "_rels/.rels".to_owned(),
+            format!("<Relationships xmlns=\"{PACKAGE}/relationships\"><Relationship Id=\"rId1\" Type=\"{RELATION}/officeDocument\" Target=\"xl/workbook.xml\"/></Relationships>"),
         ),
         (
-            "xl/workbook.xml",
-            "<workbook xmlns=\"http://schemas.openxmlformats.org/spreadsheetml/2006/main\" xmlns:r=\"http://schemas.openxmlformats.org/officeDocument/2006/relationships\"><sheets><sheet name=\"Sheet1\" sheetId=\"1\" r:id=\"rId1\"/></sheets></workbook>",
+            "xl/workbook.xml".to_owned(),
+            format!("<workbook xmlns=\"{MAIN}\" xmlns:r=\"{RELATION}\"><sheets>{list}</sheets></workbook>"),
         ),
         (
-            "xl/_rels/workbook.xml.rels",
-            "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\"><Relationship Id=\"rId1\" Type=\"http://schemas.openxmlformats.org/officeDocument/2006/relationships/worksheet\" Target=\"worksheets/sheet1.xml\"/></Relationships>",
+            "xl/_rels/workbook.xml.rels".to_owned(),
+            format!("<Relationships xmlns=\"{PACKAGE}/relationships\">{links}</Relationships>"),
         ),
-        ("xl/worksheets/sheet1.xml", &sheet),
-    ];
+    ]);
     let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     let stored =
         zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
@@ -352,7 +372,10 @@ fn thousands(rows: &Rows, out: &mut Vec<Variant>) {
     ] {
         out.push(Variant {
             what: format!("11: times with {mark:?} in a sheet"),
-            files: vec![("catheter.xlsx".to_owned(), workbook(cells(mark)))],
+            files: vec![(
+                "catheter.xlsx".to_owned(),
+                workbook(&[cells(mark).collect()]),
+            )],
             expected: Expected::SameOrSaid(parts),
         });
         let lines: Vec<String> = cells(mark).map(|row| row.join(";")).collect();
@@ -372,10 +395,11 @@ fn thousands(rows: &Rows, out: &mut Vec<Variant>) {
         ("a blank", ' ', ""),
     ] {
         let head = std::iter::once(vec!["Time (ms)".to_owned(), "Volume (µL)".to_owned()]);
-        let sheet = workbook(head.chain(frames.iter().map(|(t, v)| {
+        let rows = head.chain(frames.iter().map(|(t, v)| {
             let volume = grouped((1000.0 * v).round() as usize, mark);
             vec![t.to_string(), format!("{volume}{decimals}")]
-        })));
+        }));
+        let sheet = workbook(&[rows.collect()]);
         out.push(Variant {
             what: format!("11: volumes with {what}"),
             files: vec![

@@ -4,6 +4,7 @@
 //! The bounds are ours and wide: they find a wrong unit, number or clock, not an unusual heart. Each
 //! rule has a name by which `accept` in `[measured]` or in `prepare.toml` overrides it.
 
+use super::clipped;
 use crate::{Problem, Trace};
 use cardiotwin_vocabulary::circulation::WindkesselParameters;
 use std::path::Path;
@@ -19,6 +20,8 @@ pub struct Facts<'a> {
     pub volume: Option<&'a Trace>,
     /// Systolic and diastolic pressure of the aorta \[mmHg\].
     pub aorta: Option<[f64; 2]>,
+    /// Pressure of the aorta over one beat \[mmHg\].
+    pub aortic_pressure: Option<&'a Trace>,
     /// Stated largest pressure of the left ventricle \[mmHg\].
     pub stated_p_max: Option<f64>,
     /// Stated end-diastolic volume \[mL\].
@@ -53,7 +56,7 @@ pub struct Rule {
     test: fn(&Facts<'_>) -> Verdict,
 }
 
-enum Verdict {
+pub(super) enum Verdict {
     Holds,
     Doubtful(String),
     Broken(String),
@@ -64,9 +67,9 @@ use Verdict::{Broken, Doubtful, Holds};
 /// Pressure by which a ventricle's peak may lie below the aorta's systolic one \[mmHg\]: amplification of
 /// the pulse towards the arm, and the error of a cuff.
 const BELOW_AORTA_MMHG: f64 = 15.0;
-/// Width of a peak half a percent below its top over that five percent below it, above which the top
-/// is cut. It is 0.32 for a parabola and nearly 1 for a cut one.
-const CUT: f64 = 0.8;
+/// Pressure by which a ventricle's peak may lie above the aorta's systolic one \[mmHg\]. A larger gradient
+/// is a stenosis, or a wrong unit or zero.
+const ABOVE_AORTA_MMHG: f64 = 20.0;
 /// Relative difference of two volumes of the same beat that is doubtful, and that is an error.
 const VOLUMES: [f64; 2] = [0.1, 0.3];
 /// Relative difference of two largest pressures that is doubtful, and that is an error.
@@ -96,7 +99,7 @@ const CALCIUM_PEAK_UM: [[f64; 2]; 2] = [[0.1, 10.0], [0.02, 20.0]];
 const CALCIUM_REST_UM: f64 = 0.6;
 
 /// All rules.
-pub const RULES: [Rule; 13] = [
+pub const RULES: [Rule; 14] = [
     Rule {
         name: "ventricle-below-aorta",
         expected: "a ventricle that reaches the aorta's pressure in systole",
@@ -112,11 +115,18 @@ pub const RULES: [Rule; 13] = [
         test: aorta_below_filling,
     },
     Rule {
+        name: "ventricle-above-aorta",
+        expected: "a ventricle whose largest pressure is near the aorta's in systole",
+        remedy: "check the unit, scale and zero of both; a stenosis of the valve or of the aorta makes such a gradient",
+        key: "measured.aortic_pressure",
+        test: ventricle_above_aorta,
+    },
+    Rule {
         name: "clipped",
-        expected: "a rounded peak",
-        remedy: "the amplifier's range was too small, so that the peak is cut: record again, or give the largest pressure by other means",
+        expected: "a rounded peak and trough",
+        remedy: "the amplifier's range was too small, so that the trace is cut: record again, or give the largest pressure by other means",
         key: "measured.pressure",
-        test: clipped,
+        test: clipped::clipped,
     },
     Rule {
         name: "beat-begin",
@@ -243,7 +253,7 @@ pub fn contradictions(facts: &Facts<'_>, accepted: &[String], file: &Path) -> Ve
 }
 
 /// Least and largest value.
-fn extremes(trace: &Trace) -> [f64; 2] {
+pub(super) fn extremes(trace: &Trace) -> [f64; 2] {
     trace
         .values()
         .iter()
@@ -299,41 +309,19 @@ fn aorta_below_filling(facts: &Facts<'_>) -> Verdict {
     ))
 }
 
-/// Share of the width of the peak five percent below its top that half a percent has.
-fn cut_share(trace: &Trace) -> f64 {
-    let [low, high] = extremes(trace);
-    let width = |share: f64| {
-        let level = high - share * (high - low);
-        let times = trace.time_ms();
-        let above = |v: &f64| *v >= level;
-        let values = trace.values();
-        let first = values.iter().position(above).unwrap_or(0);
-        let last = values.iter().rposition(above).unwrap_or(0);
-        // Of a narrow peak between two samples nothing can be said.
-        if last < first + 4 {
-            f64::NAN
-        } else {
-            times[last] - times[first]
+fn ventricle_above_aorta(facts: &Facts<'_>) -> Verdict {
+    let most = facts
+        .pressure
+        .map(|p| extremes(p)[1])
+        .or(facts.stated_p_max);
+    match (most, facts.aorta) {
+        (Some(most), Some([systolic, _])) if most > systolic + ABOVE_AORTA_MMHG => {
+            Doubtful(format!(
+                "a largest ventricular pressure of {most:.1} mmHg, {:.1} mmHg above the aorta's",
+                most - systolic
+            ))
         }
-    };
-    width(0.005) / width(0.05)
-}
-
-fn clipped(facts: &Facts<'_>) -> Verdict {
-    let Some(pressure) = facts.pressure else {
-        return Holds;
-    };
-    let share = cut_share(pressure);
-    if share.is_nan() || share < CUT {
-        return Holds;
-    }
-    let most = extremes(pressure)[1];
-    let found = format!("a pressure that stays at its largest value of {most:.1} mmHg");
-    match facts.aorta {
-        Some([systolic, _]) if systolic > most => {
-            Broken(format!("{found}, below the aorta's {systolic:.1} mmHg"))
-        }
-        _ => Doubtful(found),
+        _ => Holds,
     }
 }
 
@@ -610,6 +598,7 @@ mod tests {
             diastasis_ml: Some(115.0),
             forward_ml: Some(70.0),
             windkessel: Some(windkessel([0.05, 0.95, 1.5])),
+            aortic_pressure: None,
         };
         assert_eq!(told(&facts, &[]), Vec::<String>::new());
         let no_aorta = Facts {
@@ -667,6 +656,14 @@ mod tests {
                 Facts {
                     aorta: None,
                     windkessel: Some(windkessel([0.05, 0.95, 11.0])),
+                    ..facts
+                },
+                "warning",
+            ),
+            (
+                "ventricle-above-aorta",
+                Facts {
+                    aorta: Some([85.0, 60.0]),
                     ..facts
                 },
                 "warning",

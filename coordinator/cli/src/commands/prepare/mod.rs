@@ -65,8 +65,8 @@ pub struct PrepareArgs {
 /// Prepares a patient's folder.
 ///
 /// # Errors
-/// [`CliError::Recordings`] if the recordings have errors, [`CliError::Usage`] if no beats can be
-/// made from them or the folder must not be replaced, [`CliError::Export`] if the folder cannot be
+/// [`CliError::Recordings`] if the recordings have errors, [`CliError::NoBeats`] if no beats can be made
+/// from them, [`CliError::Usage`] if the folder must not be replaced, [`CliError::Export`] if the folder cannot be
 /// written.
 pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut report = Report::default();
@@ -82,7 +82,7 @@ pub fn execute(args: &PrepareArgs, talk: &Talk) -> Result<Exit, CliError> {
         may_write(folder, &id, args)?;
     }
     let mut made = preparation::make(&raw, &id).map_err(|error| {
-        CliError::Usage(format!(
+        CliError::NoBeats(format!(
             "{}: {error}; adjust [steps] in {PREPARE_TOML}",
             args.raw.display()
         ))

@@ -352,7 +352,7 @@ impl<'a> Reader<'a> {
             None => Ok(values.iter().map(|value| *value as i32).collect()),
             Some(place) => Err(self.error(
                 at,
-                format!("the array tag with {} at place {place}", values[place]),
+                format!("the array tag with {:?} at place {place}", values[place]),
                 "whole numbers",
             )),
         }
