@@ -172,6 +172,10 @@ pub struct Sampling {
     pub left_over_expected: f64,
     /// Number of beats of the one-fibre ventricle.
     pub evaluations: u64,
+    /// Whether beats were not corrected to the twin's, because the ventricle has no beat with the
+    /// twin's parameters.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_uncorrected: bool,
 }
 
 /// Smallest share of searches that must end by themselves.
@@ -184,6 +188,12 @@ impl Sampling {
     /// Reason why the intervals are not reliable; `None` if they are.
     #[must_use]
     pub fn doubt(&self) -> Option<String> {
+        if self.is_uncorrected {
+            return Some(
+                "the twin's beat does not end in the ventricle of the draws, so that no beat corrects it"
+                    .to_owned(),
+            );
+        }
         if self.converged_share < ENOUGH {
             return Some(format!(
                 "only {:.0} % of the searches ended by themselves",

@@ -102,7 +102,7 @@ impl TaskSpec {
             Self::Step1Proposal(_) => 9,
             Self::CellFit(_) => 6,
             Self::CellSweep(_) => 4,
-            Self::Posterior(_) => 7,
+            Self::Posterior(_) => 8,
             Self::Targets(_) => 3,
             Self::LearnLaw(_) | Self::Noop(_) => 1,
         }

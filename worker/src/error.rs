@@ -226,7 +226,7 @@ pub enum TaskError {
     /// There is no further iterate to propose for step 1.
     #[error("nothing to simulate next: {0}")]
     NoProposal(&'static str),
-    /// The one-fibre ventricle has no beat with the twin's parameters or near them.
+    /// The one-fibre ventricle has no beat between the twin's parameters and the prior's centre, or too few draws.
     #[error(
         "the fast ventricle (the organ's law, or one fibre) has no beat near the twin's parameters, so the posterior cannot be sampled"
     )]

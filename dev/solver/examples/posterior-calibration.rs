@@ -2,7 +2,8 @@
 //!
 //! `posterior-calibration FIRST PATIENTS FACTOR,… SPEC…`: each specification of a task `posterior`
 //! (`attempts/*/*/spec.json` of a run) supplies heart, loads, noise and prior. A patient's true
-//! parameters are a draw of this prior with a physiological beat. The traces get noise as specified
+//! parameters are a draw of this prior with a physiological beat. A finite-element ventricle is
+//! simulated in the organ's law of the specification. The traces get noise as specified
 //! in the file; the measured biomarkers get an error of `step3.uncertainty_percent`. Step 3
 //! proposes a twin for them, starting from a cell at the prior's centre, and the task `posterior`
 //! receives that twin, as in a run. Neither of them has access to the true values. The task runs
@@ -17,7 +18,7 @@ use cardiotwin_calibrate::normal::quantile;
 use cardiotwin_calibrate::posterior::TruncatedNormal;
 use cardiotwin_calibrate::statistics::quantile_of;
 use cardiotwin_schemas::biomarkers::Biomarker;
-use cardiotwin_schemas::organ::{BeatCount, OrganSpec};
+use cardiotwin_schemas::organ::BeatCount;
 use cardiotwin_schemas::outcome::{Determination, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::posterior::{PosteriorResult, PosteriorSpec, Spread, TraceNoise, TwinBeat};
 use cardiotwin_schemas::samples::{BeatSamples, MeasuredTraces, N_SAMPLES, TraceDeviations};
@@ -26,7 +27,7 @@ use cardiotwin_worker::context::Context;
 use cardiotwin_worker::tasks::organ_beat::{ReducedOrgan, reduced_beat};
 use cardiotwin_worker::tasks::posterior;
 use cardiotwin_worker::tasks::proposal::axes::{Axis, axes, is_sensitive, named};
-use cardiotwin_worker::tasks::proposal::step3;
+use cardiotwin_worker::tasks::proposal::{step3, surrogate};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -68,7 +69,7 @@ fn main() -> anyhow::Result<()> {
             std::env::temp_dir().join(format!("posterior-calibration-{}", std::process::id()));
         std::fs::create_dir_all(&scratch)?;
         let mut context = Context::plain(&scratch, threads);
-        let spec = with_twin(simulated.spec.clone(), &mut context);
+        let spec = with_twin(simulated.spec.clone(), &simulated.organ, &mut context);
         for factor in &factors {
             let answer = spec.as_ref().map_err(ToString::to_string).and_then(|spec| {
                 let mut spec = spec.clone();
@@ -128,7 +129,9 @@ impl Counts {
             beat.circulation
                 .afterload
                 .peripheral_resistance_mmhg_s_per_ml *= afterload;
-            let of = |parameters: &BTreeMap<String, f64>| one(&beat.with_parameters(parameters));
+            let of = |parameters: &BTreeMap<String, f64>| {
+                one(&beat.with_parameters(parameters), &simulated.organ)
+            };
             let Some(true_beat) = of(&simulated.parameters) else {
                 continue;
             };
@@ -188,21 +191,31 @@ fn heart(path: &str) -> anyhow::Result<PosteriorSpec> {
     }
 }
 
-/// A beat of the one-fibre ventricle with the task's steps of 2 ms; `None` if the beat is
-/// incomplete.
-fn one(beat: &OrganBeatSpec) -> Option<OrganBeatResult> {
-    let OrganSpec::Reduced {
-        passive,
-        activation,
-    } = &beat.organ
-    else {
-        return None;
+/// Time steps of simulated beats, as in the task: in the one-fibre ventricle and in the organ's law.
+const STEP_MS: [f64; 2] = [2.0, 4.0];
+
+/// Ventricle in which patients are simulated.
+fn ventricle(spec: &PosteriorSpec) -> anyhow::Result<ReducedOrgan> {
+    Ok(surrogate(
+        &spec.beat,
+        spec.law.as_deref(),
+        spec.prior.as_ref(),
+    )?)
+}
+
+/// A beat of the ventricle with the task's steps; `None` if the beat is incomplete.
+fn one(beat: &OrganBeatSpec, organ: &ReducedOrgan) -> Option<OrganBeatResult> {
+    let [in_one_fibre, in_law] = STEP_MS;
+    let shortest_ms = if organ.law.is_some() {
+        in_law
+    } else {
+        in_one_fibre
     };
     let beat = OrganBeatSpec {
-        time_step_ms: beat.time_step_ms.max(2.0),
+        time_step_ms: beat.time_step_ms.max(shortest_ms),
         ..beat.clone()
     };
-    reduced_beat(&beat, &ReducedOrgan::one_fibre(*passive, *activation))
+    reduced_beat(&beat, organ)
         .ok()
         .flatten()
         .filter(|beat| beat.failed_check().is_none())
@@ -215,6 +228,7 @@ fn normal(generator: &mut Pcg64) -> f64 {
 /// A patient with noisy traces, and the true parameters and beat.
 struct Simulated {
     spec: PosteriorSpec,
+    organ: ReducedOrgan,
     parameters: BTreeMap<String, f64>,
     beat: OrganBeatResult,
 }
@@ -223,6 +237,7 @@ struct Simulated {
 fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Simulated> {
     let axes = axes(&heart.parameters);
     let prior: Vec<TruncatedNormal> = axes.iter().map(Axis::truncated).collect();
+    let organ = ventricle(heart)?;
     for _ in 0..100_000 {
         let drawn: Vec<f64> = prior
             .iter()
@@ -230,7 +245,7 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
             .collect();
         let parameters = named(&axes, &drawn);
         let beat = heart.beat.with_parameters(&parameters);
-        let Some(truth) = one(&beat).filter(|_| is_sensitive(&beat)) else {
+        let Some(truth) = one(&beat, &organ).filter(|_| is_sensitive(&beat)) else {
             continue;
         };
         let (b, whole) = (
@@ -276,6 +291,7 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
         };
         return Ok(Simulated {
             spec,
+            organ,
             parameters,
             beat: truth,
         });
@@ -284,13 +300,17 @@ fn simulated(heart: &PosteriorSpec, generator: &mut Pcg64) -> anyhow::Result<Sim
 }
 
 /// Replaces the task's twin by the one that step 3 proposes for the patient's measurements.
-fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<PosteriorSpec> {
+fn with_twin(
+    spec: PosteriorSpec,
+    organ: &ReducedOrgan,
+    context: &mut Context,
+) -> anyhow::Result<PosteriorSpec> {
     let centre: BTreeMap<String, f64> = spec
         .parameters
         .iter()
         .map(|(name, p)| (name.clone(), p.centre))
         .collect();
-    let first = one(&spec.beat.with_parameters(&centre));
+    let first = one(&spec.beat.with_parameters(&centre), organ);
     let run = ProposalRun {
         parameters: centre,
         biomarkers: first.as_ref().map(|beat| beat.biomarkers),
@@ -313,8 +333,8 @@ fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<Poste
                 deviations: TraceDeviations::default(),
                 cycle_length_ms: spec.beat.cycle_length_ms,
             }),
-            law: None,
-            prior: None,
+            law: spec.law.clone(),
+            prior: spec.prior.clone(),
             seed: spec.seed,
         },
         context,
@@ -323,7 +343,8 @@ fn with_twin(spec: PosteriorSpec, context: &mut Context) -> anyhow::Result<Poste
         return Err(anyhow!("not a proposal"));
     };
     let parameters = proposal.parameters;
-    let beat = one(&spec.beat.with_parameters(&parameters)).context("the twin has no beat")?;
+    let beat =
+        one(&spec.beat.with_parameters(&parameters), organ).context("the twin has no beat")?;
     Ok(PosteriorSpec {
         twin: TwinBeat {
             parameters,

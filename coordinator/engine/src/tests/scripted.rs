@@ -594,6 +594,7 @@ fn posterior(spec: &PosteriorSpec) -> PosteriorResult {
             converged_share: 1.0,
             left_over_expected: 1.0,
             evaluations: 1,
+            is_uncorrected: false,
         },
         learned_law: None,
     }

@@ -2,7 +2,8 @@
 //!
 //! Each draw descends for itself by Levenberg–Marquardt steps, from the answer of the model that is
 //! linearised at the mode. Some draws, the pilots, also descend from their own points of the prior; if
-//! that serves better, the model has several valleys, and all draws do so. Derivatives come from the
+//! that serves better, the model has several valleys, and all draws do so. A further descent ends as
+//! soon as it no longer promises a better end. Derivatives come from the
 //! points that all draws have evaluated. Where a step falls short of its promise, points beside the
 //! present one are added, which serve all draws. Ensembles share derivatives since Gu and Oliver 2007 (SPE J. 12:438) and Chen
 //! and Oliver 2012 (Math. Geosci. 44:1), with one regression for all draws. Here each draw has a
@@ -24,8 +25,8 @@ const TRIES: usize = 5;
 const GAIN_OF_TRIES: f64 = 0.5;
 /// Distance of points beside the present one: a little more than the least at which points count.
 const BESIDE: f64 = 1.01 * DIFFERENCE;
-/// Largest number of times that a draw evaluates points beside its own.
-const PROBINGS: usize = 2;
+/// Largest number of times that a descent evaluates points beside its own.
+const PROBINGS: usize = 1;
 /// Every fifth draw also descends from its point of the prior, and so finds other valleys.
 const PILOTS: usize = 5;
 /// Fall of the height by which another valley serves better, and the share of the pilots from which
@@ -34,6 +35,8 @@ const BETTER: f64 = 3.0;
 const SHARE_OF_PILOTS: f64 = 0.1;
 /// Number of halvings of the way from the mode to a start, before the mode itself is the start.
 const HALVINGS: usize = 6;
+/// Least gain over the best end so far that a further descent must promise.
+const LEAST_LEAD: f64 = 1.0;
 
 /// The present descent of a draw.
 enum Place<Q> {
@@ -253,6 +256,14 @@ impl<'a, Q> Ensemble<'a, Q> {
                 (u.collect(), promised)
             })
         };
+        // The promise of the undamped step is the most that the present derivatives offer.
+        if let Some(best) = &member.best
+            && step(0.0, f64::INFINITY).is_none_or(|(_, most): (Vec<f64>, f64)| {
+                here.height - most > best.height - LEAST_LEAD
+            })
+        {
+            return nothing(true);
+        }
         let is_slow =
             tries > TRIES && here.heights[tries - 1 - TRIES] - here.height < GAIN_OF_TRIES;
         match step(here.damping, LONGEST) {

@@ -4,7 +4,8 @@
 //! an exponential correlation in the pressure, and is independent between frames in the volume. The
 //! deviation of the twin's beat beyond the noise, as a function of time in the beat, counts as an
 //! error of the model with a longer correlation time (Kennedy and O'Hagan 2001, J. R. Stat. Soc. B
-//! 63:425). Parameters are therefore not bent to explain, for example, an atrial kick that the
+//! 63:425). A beat of the law takes the place of the twin's where the law has no beat with the twin's
+//! parameters. Parameters are therefore not bent to explain, for example, an atrial kick that the
 //! model lacks. One factor enlarges all standard deviations, because draws spread too little in a
 //! nonlinear ventricle (a tempered likelihood; `posterior.error_factor`). The measured biomarkers
 //! replace a trace that was not measured. The rates of pressure count in either case, because they
@@ -16,8 +17,11 @@ use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::posterior::{Deviations, PosteriorSpec, TraceNoise};
 use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
 
+use super::summary::Seen;
+
 /// The data with their errors, and the correction that makes the one-fibre ventricle exact at the
 /// twin.
+#[derive(Clone)]
 pub(super) struct Likelihood {
     pressure: Option<TraceErrors>,
     volume: Option<TraceErrors>,
@@ -25,10 +29,9 @@ pub(super) struct Likelihood {
     biomarkers: Vec<(Biomarker, f64, f64)>,
     /// Factor of all standard deviations.
     error_factor: f64,
-    twin: BeatSamples,
-    twin_biomarkers: Biomarkers,
-    cheap: BeatSamples,
-    cheap_biomarkers: Biomarkers,
+    /// Beats of the organ and of the one-fibre ventricle whose difference corrects other beats; `None`
+    /// without a correction.
+    correction: Option<[Seen; 2]>,
     pub(super) deviations: Deviations,
 }
 
@@ -68,10 +71,30 @@ impl Discrepancy {
 }
 
 impl Likelihood {
+    /// The likelihood of beats that are corrected to the twin's.
+    ///
     /// - `cheap`: the one-fibre ventricle's beat with the twin's parameters
     pub(super) fn of(spec: &PosteriorSpec, cheap: &OrganBeatResult) -> Self {
+        let twin = Seen {
+            biomarkers: spec.twin.biomarkers,
+            samples: spec.twin.samples.clone(),
+        };
+        let cheap = Seen {
+            biomarkers: cheap.biomarkers,
+            samples: cheap.samples.clone(),
+        };
+        Self {
+            correction: Some([twin, cheap]),
+            ..Self::uncorrected(spec, &spec.twin.samples)
+        }
+    }
+
+    /// The likelihood of beats without a correction.
+    ///
+    /// - `twin`: samples whose deviation from the data is the error of the model
+    pub(super) fn uncorrected(spec: &PosteriorSpec, twin: &BeatSamples) -> Self {
         let noise = TraceNoise::of(&spec.noise);
-        let (measured, twin) = (&spec.samples, &spec.twin.samples);
+        let measured = &spec.samples;
         let spacing_ms = spec.beat.cycle_length_ms / N_SAMPLES as f64;
         let lasting_ms = spec.settings.discrepancy_correlation_ms;
         let beyond = |twin: &[f64], measured: &[f64], noise_rms: f64| {
@@ -123,16 +146,20 @@ impl Likelihood {
             volume,
             biomarkers,
             error_factor: spec.settings.error_factor,
-            twin: twin.clone(),
-            twin_biomarkers: spec.twin.biomarkers,
-            cheap: cheap.samples.clone(),
-            cheap_biomarkers: cheap.biomarkers,
+            correction: None,
             deviations,
         }
     }
 
     /// Samples and biomarkers of a one-fibre beat, corrected to those of the organ.
-    pub(super) fn corrected(&self, beat: &OrganBeatResult) -> (BeatSamples, Biomarkers) {
+    pub(super) fn corrected(&self, beat: OrganBeatResult) -> Seen {
+        let beat = Seen {
+            biomarkers: beat.biomarkers,
+            samples: beat.samples,
+        };
+        let Some([twin, cheap]) = &self.correction else {
+            return beat;
+        };
         let moved = |own: &[f64], cheap: &[f64], twin: &[f64]| {
             own.iter()
                 .zip(cheap)
@@ -143,22 +170,25 @@ impl Likelihood {
         let samples = BeatSamples {
             pressure_mmhg: moved(
                 &beat.samples.pressure_mmhg,
-                &self.cheap.pressure_mmhg,
-                &self.twin.pressure_mmhg,
+                &cheap.samples.pressure_mmhg,
+                &twin.samples.pressure_mmhg,
             ),
             volume_ml: moved(
                 &beat.samples.volume_ml,
-                &self.cheap.volume_ml,
-                &self.twin.volume_ml,
+                &cheap.samples.volume_ml,
+                &twin.samples.volume_ml,
             ),
         };
-        let (cheap, twin) = (&self.cheap_biomarkers, &self.twin_biomarkers);
+        let (cheap, twin) = (&cheap.biomarkers, &twin.biomarkers);
         let moved = |b: Biomarker| Some(twin.get(b)? * beat.biomarkers.get(b)? / cheap.get(b)?);
         let biomarkers = Biomarker::OF_ORGAN
             .map(|b| (b, moved(b)))
             .into_iter()
             .collect();
-        (samples, biomarkers)
+        Seen {
+            biomarkers,
+            samples,
+        }
     }
 
     /// Differences from the data divided by their standard deviations, decorrelated.

@@ -34,6 +34,8 @@ pub(super) struct Sampled<'a> {
     pub(super) prior: &'a [TruncatedNormal],
     pub(super) draws: &'a [Draw<Seen>],
     pub(super) asked_for: u64,
+    /// Whether beats were corrected to the twin's.
+    pub(super) is_corrected: bool,
     /// Residual of data and prior at the mode, divided by the expected sum of squares.
     pub(super) left: f64,
     pub(super) deviations: Deviations,
@@ -96,6 +98,7 @@ pub(super) fn of(sampled: &Sampled<'_>) -> PosteriorResult {
                 / sampled.asked_for as f64,
             left_over_expected: sampled.left,
             evaluations: sampled.evaluations,
+            is_uncorrected: !sampled.is_corrected,
         },
         learned_law: sampled.learned_law.clone(),
     }

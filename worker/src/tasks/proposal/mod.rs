@@ -69,7 +69,7 @@ pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
 }
 
 /// The beat without the budget of a finite-element ventricle, which does not apply to a reduced one.
-fn with_reduced_budget(beat: &OrganBeatSpec) -> OrganBeatSpec {
+pub(crate) fn with_reduced_budget(beat: &OrganBeatSpec) -> OrganBeatSpec {
     let SolverSettings {
         newton_iterations,
         shortest_step_ms,
@@ -139,7 +139,7 @@ fn one_fibre_of(figures: &VentricleFigures, exponent: f64) -> Result<OneFibrePas
 /// # Errors
 /// [`TaskError`] when the organ's figures are outside the range of the model, or samples or the
 /// prior cannot be used.
-pub(crate) fn surrogate(
+pub fn surrogate(
     beat: &OrganBeatSpec,
     beats: Option<&[LawSamples]>,
     prior: Option<&InputFile>,
