@@ -292,6 +292,7 @@ fn plan(printed: &Printed, id: &str) -> ResolvedPatient {
         })
     };
     ResolvedPatient {
+        is_unconfirmed: false,
         id: PatientId::from(id),
         workflow: Workflow::Personalise,
         random_stream: None,

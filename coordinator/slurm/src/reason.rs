@@ -339,7 +339,7 @@ pub fn limit(key: &str) -> Option<Why> {
 
 #[cfg(test)]
 mod tests {
-    use super::{WaitsFor, why};
+    use super::{JobId, WaitsFor, why};
 
     #[test]
     fn limits_that_pass_are_told_from_those_that_do_not() {

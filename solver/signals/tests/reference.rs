@@ -77,6 +77,7 @@ impl Patient {
             self.folder.join("volume.csv"),
         );
         let checked = check(&Measured {
+            accepted: &[],
             patient_file: &self.folder.join("patient.toml"),
             cycle_length: self.cycle_length(),
             pressure: Some(Source {

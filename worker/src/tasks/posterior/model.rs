@@ -2,7 +2,6 @@
 //! of the parameters.
 
 use cardiotwin_calibrate::posterior::{Evaluated, Mode, Target, TruncatedNormal, mode};
-use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::posterior::PosteriorSpec;
 use cardiotwin_schemas::task::OrganBeatSpec;
@@ -12,7 +11,7 @@ use super::summary::Seen;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
 use crate::tasks::proposal::axes::{Axis, axes, named, point, tolerated};
-use crate::tasks::proposal::{surrogate, with_reduced_budget};
+use crate::tasks::proposal::{searched, surrogate};
 
 /// Shortest time step of the one-fibre ventricle, as in step 3's searches.
 const TIME_STEP_MS: f64 = 2.0;
@@ -59,10 +58,7 @@ impl Model {
         };
         let beat = OrganBeatSpec {
             time_step_ms: spec.beat.time_step_ms.max(shortest_step_ms),
-            ..match spec.beat.organ {
-                OrganSpec::FiniteElement(_) => with_reduced_budget(&spec.beat),
-                _ => spec.beat.clone(),
-            }
+            ..searched(&spec.beat)
         };
         // Reports errors that are common to all draws: an invalid effect, a parameter
         // outside the range of the models.

@@ -83,6 +83,15 @@ pub(crate) fn with_reduced_budget(beat: &OrganBeatSpec) -> OrganBeatSpec {
     }
 }
 
+/// The beat as a search simulates it: the budget for a finite-element ventricle's steps says nothing
+/// about those of its law.
+pub(crate) fn searched(beat: &OrganBeatSpec) -> OrganBeatSpec {
+    match beat.organ {
+        OrganSpec::FiniteElement(_) => with_reduced_budget(beat),
+        OrganSpec::Reduced { .. } | OrganSpec::External(_) => beat.clone(),
+    }
+}
+
 /// Simulates a beat in the law that samples of its organ's beats teach.
 pub(crate) fn in_law(
     beat: &OrganBeatSpec,

@@ -10,7 +10,7 @@ use cardiotwin_schemas::settings::Step1Settings;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1ProposalSpec};
 
 use super::learned::learned_law;
-use super::{factors, law_beats, outcome, surrogate, told};
+use super::{factors, law_beats, outcome, searched, surrogate, told};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
@@ -36,11 +36,12 @@ pub fn run(spec: &Step1ProposalSpec, context: &mut Context) -> Result<TaskResult
         valves: spec.beat.valves,
     };
     let organ = surrogate(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?;
+    let beat = searched(&spec.beat);
     // Reports errors that are common to all beats: an invalid effect, a parameter
     // outside the range of the models.
-    reduced(&spec.beat, &organ)?;
+    reduced(&beat, &organ)?;
     let cheap = |p: &Step1Parameters| {
-        let beat = reduced_beat(&with(&spec.beat, p), &organ);
+        let beat = reduced_beat(&with(&beat, p), &organ);
         outcome(beat.ok().flatten().as_ref())
     };
     let runs: Vec<Step1Run> = (spec.runs.iter())

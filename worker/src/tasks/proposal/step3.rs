@@ -15,7 +15,7 @@ use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step
 
 use super::axes::{axes, is_sensitive, named, point, tolerated};
 use super::learned::learned_law;
-use super::{factors, law_beats, outcome, surrogate, told};
+use super::{factors, law_beats, outcome, searched, surrogate, told};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
@@ -84,7 +84,7 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let organ = surrogate(&spec.beat, spec.law.as_deref(), spec.prior.as_ref())?;
     let beat = OrganBeatSpec {
         time_step_ms: spec.beat.time_step_ms.max(TIME_STEP_MS),
-        ..spec.beat.clone()
+        ..searched(&spec.beat)
     };
     // Reports errors that are common to all beats: an invalid effect, a parameter
     // outside the range of the models.

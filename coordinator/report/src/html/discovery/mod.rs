@@ -354,7 +354,7 @@ mod tests {
             let cases: DiscoverCases = [("P1", idle.clone()), ("P2", kick())]
                 .map(|(id, found)| (id.to_owned(), case(id, found)))
                 .into();
-            let html = section(&cases["P1"]).into_string();
+            let html = section(&cases["P1"], "patient").into_string();
             for part in [
                 "▲ accepted, not confirmed",
                 "<span class=\"badge\">atrial kick (not confirmed on held-out data)</span>",
