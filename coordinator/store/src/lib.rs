@@ -34,6 +34,7 @@ pub mod patients;
 pub mod pilots;
 mod reader;
 mod record;
+mod revision;
 mod screen;
 pub mod seen;
 pub mod steps;

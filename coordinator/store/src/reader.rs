@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::failure::Failure;
 use cardiotwin_schemas::formats;
-use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::ids::{PatientId, TaskKey};
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::plan::ResolvedPatient;
@@ -33,7 +32,8 @@ use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
 use super::{
-    StoreError, attempts, events, lease, lock, notable, open, patients, screen, steps, writer,
+    StoreError, attempts, events, lease, lock, notable, open, patients, revision, screen, steps,
+    writer,
 };
 use crate::clock;
 
@@ -57,11 +57,6 @@ SELECT tasks.outcome
 FROM patients JOIN plans ON plans.patient_id = patients.id JOIN tasks ON tasks.key = (plans.chain->>'law')
 WHERE patients.active AND tasks.word = 'published'
 ORDER BY patients.position LIMIT 1";
-
-pub(super) const REVISION: &str = "
-SELECT json_array((SELECT max(sequence) FROM events), (SELECT count(*) FROM patients), (SELECT sum(version) FROM patients))
-UNION ALL
-SELECT json_array(key, value) FROM meta WHERE key IN ('cohort', 'description', 'refused')";
 
 /// Settled tasks of the patients whose ids are in a JSON array.
 const SETTLED_OF_GROUP: &str = "
@@ -340,7 +335,7 @@ impl Reader {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn revision(&self) -> Result<String, StoreError> {
-        Ok(revision(&self.rows(REVISION, None).await?))
+        Ok(revision::of_rows(&self.rows(revision::ROWS, None).await?))
     }
 
     /// Elements of a sweep, in its order.
@@ -629,12 +624,6 @@ impl Reader {
             .map(|row| record::settled(row, &self.run_dir))
             .collect()
     }
-}
-
-/// Mark of the store's contents from the rows of [`REVISION`].
-pub(super) fn revision(rows: &[SqliteRow]) -> String {
-    let text: String = rows.iter().map(|row| row.get::<String, _>(0)).collect();
-    sha256_hex(text.as_bytes())
 }
 
 fn status_of(row: PatientRow, now_ms: i64) -> PatientStatus {

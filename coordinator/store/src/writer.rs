@@ -24,7 +24,7 @@ use super::patience::Patience;
 use super::patients::{PatientRow, PlanRow};
 use super::tasks::{OutcomeRow, TaskRow};
 use super::{
-    StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, reader, steps, tasks,
+    StoreError, attempts, cluster_jobs, file_system, open, outbox, patients, revision, steps, tasks,
 };
 use crate::clock;
 
@@ -206,7 +206,7 @@ impl Writer {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn revision(&mut self) -> Result<String, StoreError> {
-        Ok(reader::revision(&self.rows(reader::REVISION).await?))
+        Ok(revision::of_rows(&self.rows(revision::ROWS).await?))
     }
 
     /// Sets single values.

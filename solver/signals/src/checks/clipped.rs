@@ -1,7 +1,7 @@
 //! Pressures that an amplifier cut: a top or a bottom at which they stay.
 
-use super::consistency::Verdict::{Broken, Doubtful, Holds};
-use super::consistency::{Facts, Verdict, extremes};
+use super::facts::Verdict::{Broken, Doubtful, Holds};
+use super::facts::{Facts, Verdict, extremes};
 use crate::Trace;
 
 /// Width of a peak half a percent below its top over that five percent below it, above which the top

@@ -8,6 +8,7 @@
 mod clipped;
 mod consistency;
 mod coverage;
+mod facts;
 mod further;
 mod measured;
 mod pressure_volume;
