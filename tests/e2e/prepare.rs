@@ -226,7 +226,7 @@ fn bad_recordings_are_refused_with_file_line_and_key() {
         })
     });
     cardiotwin(folder.path(), &["prepare", "raw", "P001"])
-        .expect(2)
+        .expect(3)
         .complains_of(&["no beat 900"]);
     cardiotwin(folder.path(), &["prepare", "raw", "P002"])
         .expect(2)

@@ -190,7 +190,7 @@ impl<'a> Index<'a> {
         &self.names[self.places[p.plan.id.as_str()]]
     }
 
-    fn from_index(&self, p: &PatientRecord) -> String {
+    fn link_of(&self, p: &PatientRecord) -> String {
         let folder = self.folder.file_name().unwrap_or_default();
         format!("{}/{}", folder.to_string_lossy(), self.name(p))
     }
@@ -219,7 +219,7 @@ impl<'a> Index<'a> {
         if !is_current || is_shown {
             let signals = Signals::read(p);
             if is_shown && let Some(chart) = figures::small_pressure(p, &signals, self.top) {
-                let tile = (p.plan.id.to_string(), self.from_index(p), chart.render());
+                let tile = (p.plan.id.to_string(), self.link_of(p), chart.render());
                 self.tiles.push(tile);
             }
             if !is_current {
@@ -243,10 +243,10 @@ impl<'a> Index<'a> {
     /// # Errors
     /// [`WriteError`] if the index cannot be written.
     pub fn finish(self, discovered: Option<&DiscoverCases>) -> Result<ReportPaths, WriteError> {
-        let (run, from_index) = (self.run, |p: &PatientRecord| self.from_index(p));
+        let (run, link_of) = (self.run, |p: &PatientRecord| self.link_of(p));
         let left_out = run.patients.len() - self.tiles.len();
         let content = html! {
-            (overview(run, &from_index))
+            (overview(run, &link_of))
             (at_a_glance(&self.tiles, left_out))
             @if let Some(cases) = discovered { h2 id="missing" { "Missing effects of the model" } (discovery::cohort(cases)) }
         };
@@ -256,7 +256,7 @@ impl<'a> Index<'a> {
             .take(ONE_FILE)
             .map(|i| run.patients[*i].clone())
             .collect();
-        let nav = page::nav(run, "#top", &[], &unfinished, &from_index);
+        let nav = page::nav(run, "#top", &[], &unfinished, &link_of);
         let page = page::page(&format!("{} · cardiotwin", run.cohort), &nav, &content);
         let mark = mark(&run.revision, discovered);
         write(self.out, &PreEscaped(format!("{mark}{}", page.0)))?;

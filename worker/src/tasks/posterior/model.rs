@@ -78,12 +78,12 @@ impl Model {
                 is_corrected: true,
                 ..model
             }),
-            None => model.from_own_mode(spec),
+            None => model.starting_at_own_mode(spec),
         }
     }
 
     /// The ventricle without a correction, with its own mode as the start.
-    fn from_own_mode(self, spec: &PosteriorSpec) -> Result<Self, TaskError> {
+    fn starting_at_own_mode(self, spec: &PosteriorSpec) -> Result<Self, TaskError> {
         let between = |k: u32| -> Vec<f64> {
             let share = f64::from(k) / f64::from(POINTS_TO_CENTRE);
             let way = self.start.iter().zip(&self.axes);
