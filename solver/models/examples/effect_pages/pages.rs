@@ -85,7 +85,7 @@ fn range(p: &Parameter) -> String {
 
 fn page(effect: &Effect) -> String {
     let mut text = format!(
-        "# {0}\n\n{1}: {2}\n\n```\n{3}\n```\n\nSource: {4}.\n\n![{0} on and off]({0}.svg)\n\n\
+        "# {0}\n\n{1}: {2}\n\n```text\n{3}\n```\n\nSource: {4}.\n\n![{0} on and off]({0}.svg)\n\n\
          ## Parameters\n\n| name | unit | meaning | plausible | off | smallest | typical | sd | in a fit |\n\
          |---|---|---|---|---|---|---|---|---|\n",
         effect.name,
