@@ -16,7 +16,8 @@ use cardiotwin_schemas::status::{
 use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::{Patient, Stage, Step};
 use sqlx::Row as _;
-use sqlx::sqlite::SqliteRow;
+use sqlx::query::Query;
+use sqlx::sqlite::{Sqlite, SqliteArguments, SqliteRow};
 use tokio::sync::Mutex;
 
 use super::before::{self, Was};
@@ -41,7 +42,7 @@ use crate::clock;
 /// permission to write.
 pub struct Reader {
     run_dir: PathBuf,
-    pub(super) database: Mutex<ReadOnly>,
+    database: Mutex<ReadOnly>,
 }
 
 const SETTLED: &str = "
@@ -299,13 +300,10 @@ impl Reader {
             }
             let ids: Vec<i64> = group.iter().map(|row| row.id).collect();
             let ids = serde_json::to_string(&ids).expect("numbers are JSON");
-            let settled = self.rows_of(SETTLED_OF_GROUP, &ids).await?;
-            let settled: HashMap<TaskKey, Settled> = settled
-                .iter()
-                .map(|row| record::settled(row, &self.run_dir))
-                .collect::<Result<_, _>>()?;
+            let of_group = |sql: &'static str| sqlx::query(sql).bind(ids.clone());
+            let settled = self.settled(of_group(SETTLED_OF_GROUP)).await?;
             let mut wide = HashMap::new();
-            for row in self.rows_of(PLANS_OF_GROUP, &ids).await? {
+            for row in self.fetch(of_group(PLANS_OF_GROUP)).await? {
                 wide.insert(row.get::<i64, _>("patient_id"), row);
             }
             for row in group {
@@ -343,7 +341,7 @@ impl Reader {
     /// # Errors
     /// [`StoreError`] if the database cannot be read.
     pub async fn members(&self) -> Result<Vec<MemberRecord>, StoreError> {
-        let settled = self.settled(SETTLED, None).await?;
+        let settled = self.settled(sqlx::query(SETTLED)).await?;
         let now_ms = clock::now_ms();
         let mut wide = HashMap::new();
         for row in self.rows(patients::SELECT_PLANS, None).await? {
@@ -373,7 +371,9 @@ impl Reader {
     /// cannot be read.
     pub async fn patient_record(&self, patient: &PatientId) -> Result<PatientRecord, StoreError> {
         let row = self.find(patient).await?;
-        let settled = self.settled(SETTLED_OF_PATIENT, Some(row.id)).await?;
+        let settled = self
+            .settled(sqlx::query(SETTLED_OF_PATIENT).bind(row.id))
+            .await?;
         let (id, plan) = (row.id, self.plan_row(row.id).await?);
         let record = patient_of(row, &plan, &settled, clock::now_ms())?;
         self.with_before(id, record, &settled).await
@@ -541,30 +541,25 @@ impl Reader {
         sql: &'static str,
         patient_id: Option<i64>,
     ) -> Result<Vec<SqliteRow>, StoreError> {
-        let mut database = self.database.lock().await;
         let mut query = sqlx::query(sql);
         if let Some(id) = patient_id {
             query = query.bind(id);
         }
+        self.fetch(query).await
+    }
+
+    /// Rows of a statement with its arguments.
+    pub(super) async fn fetch(
+        &self,
+        query: Query<'_, Sqlite, SqliteArguments>,
+    ) -> Result<Vec<SqliteRow>, StoreError> {
+        let mut database = self.database.lock().await;
         query
             .fetch_all(&mut database.connection)
             .await
             .map_err(|source| {
                 StoreError::from_sqlite(self.run_dir.join(DATABASE_FILE), "reading", source)
             })
-    }
-
-    async fn rows_of(&self, sql: &'static str, ids: &str) -> Result<Vec<SqliteRow>, StoreError> {
-        let mut database = self.database.lock().await;
-        let rows = sqlx::query(sql).bind(ids);
-        rows.fetch_all(&mut database.connection)
-            .await
-            .map_err(|source| StoreError::from_sqlite(self.file(), "reading", source))
-    }
-
-    /// Path of the database.
-    pub(super) fn file(&self) -> PathBuf {
-        self.run_dir.join(DATABASE_FILE)
     }
 
     pub(super) async fn meta(&self, key: &'static str) -> Result<String, StoreError> {
@@ -615,10 +610,9 @@ impl Reader {
 
     async fn settled(
         &self,
-        sql: &'static str,
-        id: Option<i64>,
+        query: Query<'_, Sqlite, SqliteArguments>,
     ) -> Result<HashMap<TaskKey, Settled>, StoreError> {
-        self.rows(sql, id)
+        self.fetch(query)
             .await?
             .iter()
             .map(|row| record::settled(row, &self.run_dir))

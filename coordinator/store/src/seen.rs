@@ -59,12 +59,9 @@ impl Reader {
             .await?
             .first()
             .map_or(0, |row| row.get(0));
-        let failed = |source| StoreError::from_sqlite(self.file(), "reading", source);
         for from in (0..=last).step_by(GROUP as usize) {
-            let mut database = self.database.lock().await;
-            let rows = sqlx::query(GIVEN).bind(from).bind(from + GROUP - 1);
-            let rows = rows.fetch_all(&mut database.connection).await;
-            for row in rows.map_err(failed)? {
+            let group = sqlx::query(GIVEN).bind(from).bind(from + GROUP - 1);
+            for row in self.fetch(group).await? {
                 take(row.get(0), row.get(1));
             }
         }

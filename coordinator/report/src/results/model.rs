@@ -6,6 +6,8 @@ use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::settings::{CalciumSource, Fidelity};
 
+use super::discovery::words::UNCONFIRMED;
+
 /// The model behind a patient's results.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Model {
@@ -76,7 +78,7 @@ impl Model {
                 CalciumSource::MedianTrace => "Land 2017 with a given calcium trace",
             },
             effects: match (effects.is_empty(), patient.plan.is_unconfirmed) {
-                (false, true) => format!("{} (not confirmed on held-out data)", effects.join(", ")),
+                (false, true) => format!("{}{UNCONFIRMED}", effects.join(", ")),
                 _ => effects.join(", "),
             },
             nodes,

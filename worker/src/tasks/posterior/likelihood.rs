@@ -151,6 +151,11 @@ impl Likelihood {
         }
     }
 
+    /// Whether beats are corrected to the twin's.
+    pub(super) fn is_corrected(&self) -> bool {
+        self.correction.is_some()
+    }
+
     /// Samples and biomarkers of a one-fibre beat, corrected to those of the organ.
     pub(super) fn corrected(&self, beat: OrganBeatResult) -> Seen {
         let beat = Seen {

@@ -85,7 +85,7 @@ pub fn run(spec: &PosteriorSpec, context: &mut Context) -> Result<TaskResult, Ta
         prior: &model.prior,
         draws: &draws,
         asked_for: n,
-        is_corrected: model.is_corrected,
+        is_corrected: model.likelihood.is_corrected(),
         left: mode.left(spec.settings.error_factor),
         deviations: model.likelihood.deviations,
         evaluations: (mode.evaluations + draws.iter().map(|draw| draw.evaluations).sum::<usize>())

@@ -36,8 +36,6 @@ pub(super) struct Model {
     pub(super) likelihood: Likelihood,
     /// Point from which the mode is sought, in coordinates of the axes.
     start: Vec<f64>,
-    /// Whether beats are corrected to the twin's.
-    pub(super) is_corrected: bool,
 }
 
 impl Model {
@@ -66,7 +64,6 @@ impl Model {
         let model = Self {
             start: point(&axes, &spec.twin.parameters),
             likelihood: Likelihood::uncorrected(spec, &spec.twin.samples),
-            is_corrected: false,
             axes,
             prior,
             beat,
@@ -75,7 +72,6 @@ impl Model {
         match model.simulate(&model.start) {
             Some(cheap) => Ok(Self {
                 likelihood: Likelihood::of(spec, &cheap),
-                is_corrected: true,
                 ..model
             }),
             None => model.starting_at_own_mode(spec),

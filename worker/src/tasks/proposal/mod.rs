@@ -69,7 +69,7 @@ pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
 }
 
 /// The beat without the budget of a finite-element ventricle, which does not apply to a reduced one.
-pub(crate) fn with_reduced_budget(beat: &OrganBeatSpec) -> OrganBeatSpec {
+fn with_reduced_budget(beat: &OrganBeatSpec) -> OrganBeatSpec {
     let SolverSettings {
         newton_iterations,
         shortest_step_ms,

@@ -1,6 +1,7 @@
 //! `--accept` and `--revert`: findings become part of the patient's model, or are taken out again.
 
 use cardiotwin_engine::clock;
+use cardiotwin_report::results::discovery::words;
 use cardiotwin_schemas::discover::DiscoverCases;
 use cardiotwin_sweep::discovery::overlay::{self, Change, OverlayError};
 
@@ -44,7 +45,7 @@ pub fn accept(
         let file = patient.folder.join("model.toml");
         let names = case.found.findings.accepted.join(", ");
         let unconfirmed = case.found.findings.unconfirmed();
-        if let Some(why) = unconfirmed.as_ref().filter(|_| !args.unconfirmed) {
+        if let Some(why) = unconfirmed.filter(|_| !args.unconfirmed) {
             n_left_out += 1;
             talk.say(&format!(
                 "{}: not accepted: {names}; {why}. --accept --unconfirmed writes it all the same",
@@ -52,11 +53,7 @@ pub fn accept(
             ));
             continue;
         }
-        let mark = if unconfirmed.is_some() {
-            " (not confirmed on held-out data)"
-        } else {
-            ""
-        };
+        let mark = words::unconfirmed(&case.found);
         let said = match overlay::accept(&patient.folder, case, &clock::now_utc())? {
             Change::Written(version) => {
                 n_written += 1;

@@ -27,11 +27,14 @@ pub fn strength(effect: &RankedEffect) -> String {
     parts.join(", ")
 }
 
-/// The mark of accepted effects that held-out data do not confirm; empty for any others.
+/// The mark of accepted effects that held-out data do not confirm.
+pub const UNCONFIRMED: &str = " (not confirmed on held-out data)";
+
+/// [`UNCONFIRMED`] where it applies; empty for any other effects.
 #[must_use]
 pub fn unconfirmed(found: &Discovered) -> &'static str {
     match found.findings.confirmed() {
-        Some(false) => " (not confirmed on held-out data)",
+        Some(false) => UNCONFIRMED,
         _ => "",
     }
 }
