@@ -109,8 +109,8 @@ proptest! {
         prop_assert_eq!(beat.sa_kpa.len(), beat.time_ms.len());
         prop_assert_eq!(*beat.time_ms.last().unwrap(), cycle_length_ms);
         prop_assert!((beat.sa_kpa[0] - beat.sa_kpa.last().unwrap()).abs() < 2e-3);
-        // An active cell is never longer than at rest.
-        prop_assert!(beat.lambda.iter().all(|l| *l <= parameters.lambda0 * (1.0 + 1e-5) && *l > 0.5));
+        // An active cell is never longer than at rest, up to the default tolerance's error of stretch.
+        prop_assert!(beat.lambda.iter().all(|l| *l <= parameters.lambda0 * (1.0 + 2e-5) && *l > 0.5));
         prop_assert!(beat.read().is_some());
     }
 
