@@ -98,7 +98,7 @@ impl TaskSpec {
             Self::OrganBeat(_) => 14,
             Self::PassiveState(_) => 11,
             Self::Discover(_) => 9,
-            Self::Step3Proposal(_) => 11,
+            Self::Step3Proposal(_) => 12,
             Self::Step1Proposal(_) => 10,
             Self::CellFit(_) => 6,
             Self::CellSweep(_) => 4,

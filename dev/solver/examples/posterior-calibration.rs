@@ -81,7 +81,10 @@ fn main() -> anyhow::Result<()> {
                 counts.add(*factor, "without an answer", false);
                 continue;
             };
-            counts.patient(*factor, &simulated, &found);
+            let twin = spec.as_ref().map(|spec| &spec.twin.parameters);
+            if let Ok(twin) = twin {
+                counts.patient(*factor, &simulated, twin, &found);
+            }
             println!("{patient}: factor {factor} {:?}", found.sampling);
         }
         println!("{}", counts.summary());
@@ -102,7 +105,13 @@ impl Counts {
         (*holds, *all) = (*holds + usize::from(held), *all + 1);
     }
 
-    fn patient(&mut self, factor: f64, simulated: &Simulated, found: &PosteriorResult) {
+    fn patient(
+        &mut self,
+        factor: f64,
+        simulated: &Simulated,
+        twin: &BTreeMap<String, f64>,
+        found: &PosteriorResult,
+    ) {
         let holds = |spread: &Spread, value: f64| (spread.p5..=spread.p95).contains(&value);
         for (name, spread) in &found.parameters {
             let held = holds(&spread.posterior, simulated.parameters[name]);
@@ -111,6 +120,13 @@ impl Counts {
                 &format!("parameters that are {}", spread.mark.as_str()),
                 held,
             );
+            if let Some(twin) = twin.get(name) {
+                self.add(
+                    factor,
+                    "the twin's parameters",
+                    holds(&spread.posterior, *twin),
+                );
+            }
             if spread.mark == Determination::Determined {
                 self.add(factor, &format!("  determined: {name}"), held);
             }
