@@ -35,10 +35,8 @@ build: ## build the coordinator (cardiotwin) and the worker (cardiotwin-worker) 
 build-all: build ## as `make build`, with the programs of developers (cardiotwin-dev: benchmarks, mechanics cases)
 	$(CARGO) build $(DEV) --workspace --bins
 
-demo: deps-demo build ## find a hidden effect, personalise the bundled seven-patient cohort; ends with a table and the report's path
-	@# Kept beside the cohort, so that the cohort's report shows it.
-	$(BIN)/cardiotwin discover examples/hidden-effect --run-dir $(COHORT)/discover
-	$(BIN)/cardiotwin run $(COHORT) || [ $$? = 7 ] # 7: a twin is off
+demo: deps-demo build ## fit an afterload, find a hidden effect, personalise the bundled seven patients; ends with what was done, how good it is, what to open
+	@deploy/demo.sh $(BIN) $(COHORT) $(TARGET)/demo
 
 test: ## set up what is missing, then pass every check and test; prints how long each part took
 	@.ci/parts.sh
