@@ -146,6 +146,12 @@ pub struct Status {
     /// Patients that the last `run` or `advance` left out because of errors in their files.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub refused: Vec<RefusedPatient>,
+    /// Patients of the cohort's files that the run does not know yet.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub new_patients: Vec<String>,
+    /// Patients whose files or settings changed since the run.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub changed_patients: Vec<ChangedPatient>,
     /// What pilots taught about the organ's law (`workflow.pilots`); absent before, and without
     /// pilots.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -153,6 +159,15 @@ pub struct Status {
     /// Jobs on the cluster, if the run has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cluster: Option<ClusterStatus>,
+}
+
+/// A patient that the next run would redo.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct ChangedPatient {
+    /// Pseudonym of the patient.
+    pub patient: String,
+    /// First step that would be computed again.
+    pub from: String,
 }
 
 /// What pilots taught about the organ's law.

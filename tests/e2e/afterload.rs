@@ -244,3 +244,92 @@ fn what_no_aorta_has_is_warned_of() {
         said.out
     );
 }
+
+/// Records in kPa, L/min or with the other sign give resistances that no artery has: they are refused,
+/// unless their rule is accepted by its name.
+#[test]
+fn records_in_other_units_are_refused_until_they_are_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let scaled = |file: &str, name: &str, factor: f64| {
+        let text = std::fs::read_to_string(file).unwrap();
+        let rows = text.lines().map(|line| {
+            let (time, value) = line.split_once(',').unwrap();
+            let value = value.parse::<f64>().map(|v| (v * factor).to_string());
+            format!("{time},{}\n", value.unwrap_or_else(|_| "HEAD".to_owned()))
+        });
+        let head = text.lines().next().unwrap().split_once(',').unwrap().1;
+        let text = rows.collect::<String>().replace("HEAD", head);
+        std::fs::write(folder.path().join(name), text).unwrap();
+    };
+    scaled(FLOW, "litres.csv", 0.06);
+    scaled(FLOW, "turned.csv", -1.0);
+    scaled(PRESSURE, "kpa.csv", 0.133_322);
+    for (flow, pressure, rule, found) in [
+        (
+            "litres.csv",
+            PRESSURE,
+            "aortic-mean-flow",
+            "a mean flow of 6.78 mL/s",
+        ),
+        (
+            "turned.csv",
+            PRESSURE,
+            "aortic-mean-flow",
+            "a mean flow of -112.95 mL/s",
+        ),
+        (
+            FLOW,
+            "kpa.csv",
+            "aortic-mean-pressure",
+            "a mean pressure of 12.0 mmHg",
+        ),
+    ] {
+        let fit = ["fit", "afterload", flow, pressure];
+        let accept = format!("--accept {rule}");
+        let refused = cardiotwin(folder.path(), &fit);
+        assert_eq!(
+            (refused.code, refused.out.as_str()),
+            (3, ""),
+            "{}",
+            refused.err
+        );
+        refused.complains_of(&[found, &accept]);
+        let override_it = [&fit[..], &["--accept", rule]].concat();
+        cardiotwin(folder.path(), &override_it).expect(0);
+        let search = ["discover", "--afterload", flow, pressure];
+        let refused = cardiotwin(folder.path(), &search);
+        assert_eq!(
+            (refused.code, refused.out.as_str()),
+            (3, ""),
+            "{}",
+            refused.err
+        );
+        refused.complains_of(&[found, &format!("--accept-rule {rule}")]);
+    }
+    let both = ["fit", "afterload", "litres.csv", "kpa.csv"];
+    cardiotwin(folder.path(), &both).expect(3).complains_of(&[
+        "aortic-mean-flow",
+        "aortic-mean-pressure",
+        "2 errors",
+    ]);
+    let search = ["discover", "--afterload", "litres.csv", PRESSURE];
+    let accepted = [
+        &search[..],
+        &[
+            "--accept-rule",
+            "aortic-mean-flow",
+            "--effects",
+            "tube_reflection",
+        ],
+    ]
+    .concat();
+    cardiotwin(folder.path(), &accepted).expect(0);
+    let misspelt = ["fit", "afterload", FLOW, PRESSURE, "--accept", "mean-flow"];
+    cardiotwin(folder.path(), &misspelt)
+        .expect(3)
+        .complains_of(&["names of rules", "aortic-mean-flow"]);
+    let cuff = ["fit", "afterload", "litres.csv", "--cuff", "120/80"];
+    cardiotwin(folder.path(), &cuff)
+        .expect(3)
+        .complains_of(&["aortic-mean-flow"]);
+}

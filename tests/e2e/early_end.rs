@@ -36,6 +36,11 @@ fn step_1_goes_on_from_its_best_simulation_and_a_rerun_repeats_nothing() {
     ] {
         assert!(explained.contains(part), "{part} is not in {explained}");
     }
+    let place = |word: &str| status.find(word).expect(word);
+    assert!(
+        place("personalised") < place("step 1 stalled"),
+        "the verdict comes before what a narrow table cuts off: {status}"
+    );
     let before = published(&cohort.patient("04-CoA"));
 
     // The README's line.
@@ -49,6 +54,17 @@ fn step_1_goes_on_from_its_best_simulation_and_a_rerun_repeats_nothing() {
         said.out
     );
     assert!(said.out.contains("3 tasks computed"), "{}", said.out);
+    let explained = cohort.call(&["explain", "04-CoA"]).expect(0).out;
+    for part in [
+        "step1.damping: 1.0 -> 0.5",
+        "`cardiotwin rerun 04-CoA --from step1 --set step1.damping=0.5`",
+    ] {
+        assert!(explained.contains(part), "{part} is not in {explained}");
+    }
+    assert!(
+        !explained.contains(" differs from its previous task"),
+        "no results of earlier tasks: {explained}"
+    );
     let patient = cohort.patient("04-CoA");
     let after = published(&patient);
     let simulations = patient["iterations"].as_array().map_or(0, Vec::len);

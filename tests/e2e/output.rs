@@ -6,7 +6,7 @@ use std::process::Stdio;
 
 use serde_json::Value;
 
-use crate::support::{Cohort, PATIENTS, cardiotwin, command};
+use crate::support::{Cohort, PATIENTS, binary, cardiotwin, command};
 
 #[test]
 fn two_runs_are_compared_and_exported() {
@@ -286,7 +286,7 @@ fn completions_manual_pages_and_schemas() {
     let folder = tempfile::tempdir().unwrap();
     for shell in ["bash", "zsh", "fish"] {
         let said = cardiotwin(folder.path(), &["completions", shell]).expect(0);
-        assert!(said.out.contains("rerun"), "{shell}");
+        assert!(said.out.contains("CARDIOTWIN_COMPLETE"), "{shell}");
     }
     let page = cardiotwin(folder.path(), &["man"]).expect(0).out;
     assert!(page.contains(".TH cardiotwin"), "{page}");
@@ -374,4 +374,162 @@ fn status_names_patients_that_are_new_or_changed_since_the_run() {
         told.contains("changed since the run: 01-CoA (from step-0 on)"),
         "{told}"
     );
+    let status = cohort.call(&["status", "--json"]).json();
+    assert_eq!(status["new_patients"], serde_json::json!(["P9"]));
+    assert_eq!(
+        status["changed_patients"],
+        serde_json::json!([{"patient": "01-CoA", "from": "step-0"}])
+    );
+    let watched = cohort.call(&["status", "--watch"]).expect(0).out;
+    assert!(watched.contains("not in the run yet: P9"), "{watched}");
+}
+
+/// What bash offers after these words, the last of which is being typed.
+fn offered(folder: &Path, words: &[&str]) -> Vec<String> {
+    let quoted: Vec<String> = words.iter().map(|word| format!("'{word}'")).collect();
+    let script = format!(
+        "source <(cardiotwin completions bash); COMP_TYPE=9; COMP_WORDS=({}); COMP_CWORD={}; \
+         _clap_complete_cardiotwin cardiotwin {}; printf '%s\\n' \"${{COMPREPLY[@]}}\"",
+        quoted.join(" "),
+        words.len() - 1,
+        quoted.last().unwrap()
+    );
+    let programs = binary("cardiotwin").parent().unwrap().display().to_string();
+    let path = std::env::var("PATH").unwrap();
+    let output = std::process::Command::new("bash")
+        .args(["-c", &script])
+        .env("PATH", format!("{programs}:{path}"))
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let lines = String::from_utf8_lossy(&output.stdout).into_owned();
+    let mut words: Vec<String> = lines
+        .lines()
+        .filter(|line| !line.is_empty())
+        .map(|line| line.trim().to_owned())
+        .collect();
+    words.sort();
+    assert!(output.status.success(), "{output:?}");
+    words
+}
+
+#[test]
+fn the_shell_completes_commands_patients_and_steps() {
+    let cohort = Cohort::quick();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let path = cohort.path().display().to_string();
+    let words = offered(elsewhere.path(), &["cardiotwin", "rer"]);
+    assert_eq!(words, ["rerun"]);
+    let words = offered(cohort.path(), &["cardiotwin", "show", ""]);
+    let named = words.iter().filter(|word| !word.starts_with('-'));
+    assert_eq!(named.collect::<Vec<_>>(), ["01-CoA", "02-CoA"]);
+    let words = offered(
+        elsewhere.path(),
+        &["cardiotwin", "explain", "--cohort", &path, "02"],
+    );
+    assert_eq!(words, ["02-CoA"]);
+    let words = offered(
+        elsewhere.path(),
+        &["cardiotwin", "check", &path, "--patient", "0"],
+    );
+    assert_eq!(words, ["01-CoA", "02-CoA"]);
+    let words = offered(
+        cohort.path(),
+        &["cardiotwin", "rerun", "01-CoA", "--from", "step"],
+    );
+    assert_eq!(words, ["step0", "step1", "step2", "step3"]);
+}
+
+/// `--cohort` names the cohort in every command, whether its first argument is a patient or a cohort.
+#[test]
+fn every_command_takes_the_cohort_in_the_same_way() {
+    let cohort = Cohort::quick();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let path = cohort.path().display().to_string();
+    let call = |arguments: &[&str]| cardiotwin(elsewhere.path(), arguments);
+    call(&["check", "--cohort", &path]).expect(0);
+    call(&["check", &path, "--cohort", &path]).expect(2);
+    call(&["run", "--cohort", &path, "--no-report"]).expect(0);
+    for command in ["status", "du", "verify"] {
+        call(&[command, "--cohort", &path]).expect(0);
+    }
+    call(&["show", "01-CoA", "--cohort", &path]).expect(0);
+    call(&["discover", "1-CoA", "--cohort", &path])
+        .expect(2)
+        .complains_of(&["has no patient `1-CoA`", "did you mean `01-CoA`?"]);
+    let found = [
+        "discover",
+        "01-CoA",
+        "--cohort",
+        &path,
+        "--effects",
+        "pressure_offset",
+    ];
+    call(&found).expect(0);
+    assert!(
+        cohort
+            .path()
+            .join("patients/01-CoA/discover/report.html")
+            .exists()
+    );
+}
+
+/// The demonstration ends with what was done, how good it is, and what to open.
+#[test]
+fn the_demonstration_ends_with_three_lines() {
+    let cohort = Cohort::quick();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let hidden = root.join("examples/hidden-effect").display().to_string();
+    let searches = cohort.path().join("discover").display().to_string();
+    // A search of the whole catalogue takes long; the folder keeps the choice.
+    let effects = "atrial_kick,pressure_offset";
+    cardiotwin(
+        cohort.path(),
+        &[
+            "discover",
+            &hidden,
+            "--run-dir",
+            &searches,
+            "--effects",
+            effects,
+        ],
+    )
+    .expect(0);
+    let plots = cohort.path().join("plots");
+    let output = std::process::Command::new(root.join("deploy/demo.sh"))
+        .arg(binary("cardiotwin").parent().unwrap())
+        .args([cohort.path(), plots.as_path()])
+        .env_remove("DISPLAY")
+        .env_remove("WAYLAND_DISPLAY")
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{output:?}");
+    let first = said.lines().nth(1).unwrap();
+    assert!(first.starts_with("PARAMETER"), "a table at once: {said}");
+    assert!(plots.join("afterload.svg").exists());
+    let last: Vec<&str> = said.lines().rev().take(3).collect();
+    let path = cohort.path().display();
+    assert_eq!(
+        last[2],
+        format!(
+            "done: found the hidden effect (atrial_kick), and fitted twins to the 2 patients of {path}"
+        )
+    );
+    let run = cohort.call(&["status", "--json"]).json();
+    let notes = run["patients"].as_array().unwrap().iter();
+    let good = notes
+        .filter(|one| one["note"].as_str().unwrap().starts_with("personalised"))
+        .count();
+    assert_eq!(
+        last[1],
+        format!(
+            "how good: the beat of {good} of 2 twins is within the tolerances of its measurements"
+        )
+    );
+    assert_eq!(
+        last[0],
+        format!("open: {path}/run/report.html, and {path}/discover/report.html for the effect")
+    );
+    assert!(cohort.run_dir().join("report.html").exists());
 }

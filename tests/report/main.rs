@@ -114,6 +114,30 @@ fn the_report_says_what_happened() {
     }
 }
 
+/// The player marks each line of a beat in the line's colour; without a rule of its own a mark is black,
+/// which nobody sees on a dark page.
+#[test]
+fn each_line_of_a_beat_has_a_colour_for_its_moving_mark() {
+    let (_folder, out) = seven();
+    let page = html(&out);
+    let mut kinds = std::collections::BTreeSet::new();
+    for role in ["pressure", "volume", "flow", "loop"] {
+        let start = page.find(&format!("data-role=\"{role}\"")).expect(role);
+        let svg = &page[start..start + page[start..].find("</svg>").unwrap()];
+        for line in svg.split("<path class=\"line ").skip(1) {
+            kinds.insert(line.split(['"', ' ']).next().unwrap().to_owned());
+        }
+    }
+    assert!(
+        kinds.contains("measured") && kinds.contains("aortic"),
+        "{kinds:?}"
+    );
+    for kind in kinds {
+        let rule = format!(".mark.{kind} {{ fill: var(--{kind}); }}");
+        assert!(page.contains(&rule), "{rule}");
+    }
+}
+
 /// Numbers of a row in the table of mean errors.
 fn means(text: &str, row: &str) -> Vec<f64> {
     let rest = text

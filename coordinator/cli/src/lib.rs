@@ -4,6 +4,7 @@
 mod access;
 mod answer;
 mod commands;
+mod completion;
 mod denied;
 mod error;
 mod estimate;
@@ -124,6 +125,7 @@ pub fn command() -> clap::Command {
 /// The program from its arguments to its exit code.
 #[must_use]
 pub fn main() -> ExitCode {
+    completion::answer(|| completion::with_completers(command()));
     let given = command().get_matches();
     let cli = Cli::from_arg_matches(&given).unwrap_or_else(|error| error.exit());
     let talk = Talk::new(cli.global.color, cli.global.quiet);
@@ -204,7 +206,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Discover(args) => discover::execute(args, talk).await,
         Command::Fit(args) => fit::execute(args, talk),
         Command::Sweep(args) => sweep::execute(args, talk).await,
-        Command::Completions(args) => completions::execute(args, Cli::command(), talk),
+        Command::Completions(args) => completions::execute(args, talk),
         Command::Man(args) => man::execute(args, Cli::command(), talk),
         Command::Schemas(args) => schemas::execute(args, talk),
         Command::Version(args) => version::execute(args, talk),

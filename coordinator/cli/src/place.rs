@@ -7,12 +7,15 @@ use clap::Args;
 
 use super::error::CliError;
 
-/// A cohort or run as the first argument.
+/// A cohort or run as the first argument, or after `--cohort` as in every other command.
 #[derive(Debug, Clone, Args)]
 pub struct Place {
     /// Folder of the cohort (with cohort.toml) or of the run (with cardiotwin.db)
     #[arg(value_name = "COHORT", default_value = ".")]
-    pub folder: PathBuf,
+    folder: PathBuf,
+    /// The same as COHORT
+    #[arg(long, value_name = "DIR", hide = true, conflicts_with = "folder")]
+    cohort: Option<PathBuf>,
     /// Folder of the run [default: COHORT/run]
     #[arg(long, value_name = "DIR")]
     pub run_dir: Option<PathBuf>,
@@ -126,7 +129,8 @@ impl Place {
     /// Folders for these arguments.
     #[must_use]
     pub fn folders(&self) -> Folders {
-        Folders::of(&self.folder, self.run_dir.as_deref())
+        let folder = self.cohort.as_deref().unwrap_or(&self.folder);
+        Folders::of(folder, self.run_dir.as_deref())
     }
 }
 

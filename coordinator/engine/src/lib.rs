@@ -87,6 +87,7 @@ pub use in_job_loop::{DriverPlace, drive_here, drive_job};
 pub use notices::tell;
 pub use program_identity::of_this_program;
 pub use programs::first_line;
+pub use settings::first_stage;
 pub use stop::{StopLevel, StopSignal};
 pub use surroundings::Surroundings;
 pub use verify::{Standing, VerifiedFile, verify};

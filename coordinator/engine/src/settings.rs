@@ -44,22 +44,40 @@ fn table<T: Serialize>(settings: &T) -> Result<Map<String, Value>, serde_json::E
 /// The first table of a layer that acts on a stage before `from`, with that stage.
 #[must_use]
 pub fn acts_before(layer: &SettingsLayer, from: Stage) -> Option<(&'static str, Stage)> {
-    let tables = [
-        ("solver", layer.solver.is_some(), Stage::Step0),
-        ("step1", layer.step1.is_some(), Stage::Step1),
-        ("step2", layer.step2.is_some(), Stage::Step2),
-        (
-            "verification",
-            layer.verification.is_some(),
-            Stage::Verification,
-        ),
-        ("step3", layer.step3.is_some(), Stage::Step3),
-        ("workflow", layer.workflow.is_some(), Stage::Step3),
-    ];
-    tables
+    let there = |table: &str| match table {
+        "solver" => layer.solver.is_some(),
+        "step1" => layer.step1.is_some(),
+        "step2" => layer.step2.is_some(),
+        "verification" => layer.verification.is_some(),
+        "step3" => layer.step3.is_some(),
+        "workflow" => layer.workflow.is_some(),
+        _ => false,
+    };
+    FIRST_STAGES
         .into_iter()
-        .find(|(_, there, stage)| *there && *stage < from)
-        .map(|(name, _, stage)| (name, stage))
+        .find(|(table, stage)| there(table) && *stage < from)
+}
+
+/// The first stage that each table of settings acts on; later tables act on the posterior alone.
+const FIRST_STAGES: [(&str, Stage); 6] = [
+    ("solver", Stage::Step0),
+    ("step1", Stage::Step1),
+    ("step2", Stage::Step2),
+    ("verification", Stage::Verification),
+    ("step3", Stage::Step3),
+    ("workflow", Stage::Step3),
+];
+
+/// The first stage that a setting acts on.
+///
+/// - `key`: dotted key, such as `step1.damping`
+#[must_use]
+pub fn first_stage(key: &str) -> Stage {
+    let table = key.split('.').next();
+    FIRST_STAGES
+        .into_iter()
+        .find(|(name, _)| Some(*name) == table)
+        .map_or(Stage::Posterior, |(_, stage)| stage)
 }
 
 /// Whether two plans lead to the same tasks: executor settings and the paths of traces do not

@@ -533,6 +533,21 @@ fn inside(directory: &Path, name: &str) -> PathBuf {
     }
 }
 
+/// Names and folders of a cohort's patients, sorted, without a look at their files; empty without a
+/// readable cohort.
+#[must_use]
+pub fn patients_of(directory: &Path) -> Vec<(String, PathBuf)> {
+    let mut report = Report::default();
+    let path = inside(directory, "cohort.toml");
+    let Some(document) = Document::read(&path, None, &mut report) else {
+        return Vec::new();
+    };
+    let Some(file) = read_as::<CohortFile>(&document, None, &mut report) else {
+        return Vec::new();
+    };
+    patient_folders(directory, &file, &document, &mut report)
+}
+
 /// Patients' folders with their names, sorted, without hidden ones.
 fn patient_folders(
     directory: &Path,

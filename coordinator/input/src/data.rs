@@ -80,7 +80,6 @@ pub fn check(
         pressure: pressure.as_ref().map(|(_, trace)| trace),
         volume: volume.as_ref().map(|(_, trace)| trace),
         aorta: aorta.map(|aorta| [aorta.systolic_mmhg, aorta.diastolic_mmhg]),
-        aortic_pressure: None,
         stated_p_max: given.p_max_mmhg,
         stated_edv: measured.end_diastolic_volume_ml.or(given.edv_ml),
         stated_esv: given.esv_ml,
@@ -93,6 +92,7 @@ pub fn check(
             .map(|flow| flow.volume_ml),
         windkessel: file.afterload.filter(|_| is_sound("afterload")),
         calcium: calcium.as_ref().map(|(_, trace)| trace),
+        ..Facts::default()
     };
     // Where a trace itself is wrong, what follows from it is not told.
     if !problems.iter().any(Problem::is_error) {

@@ -35,7 +35,7 @@ mod shape;
 #[cfg(test)]
 mod tests;
 
-pub use cohort::{Cohort, Options, Patient, check_on_top, load, load_alone};
+pub use cohort::{Cohort, Options, Patient, check_on_top, load, load_alone, patients_of};
 pub use document::{Node, Tree, value_from_text};
 pub use effects::cannot_act_in_3d;
 pub use layers::{Layer, Merged, Origin};

@@ -126,6 +126,9 @@ impl Reader {
             counts,
             patients,
             refused: self.refused().await?,
+            // Whoever has the cohort's files adds them.
+            new_patients: Vec::new(),
+            changed_patients: Vec::new(),
             learned: self.learned().await?,
             cluster: self.cluster(now_ms).await?,
         })

@@ -3,6 +3,7 @@
 use clap::Args;
 use clap_complete::Shell;
 
+use crate::completion;
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::talk::Talk;
@@ -10,7 +11,8 @@ use crate::talk::Talk;
 /// Print a completion script for a shell
 #[derive(Debug, Args)]
 #[command(
-    after_help = "For bash: cardiotwin completions bash > ~/.local/share/bash-completion/completions/cardiotwin"
+    after_help = "Completes commands, options, patients of the cohort and steps. For bash, in ~/.bashrc:\n  \
+                  source <(cardiotwin completions bash)"
 )]
 pub struct CompletionsArgs {
     /// Shell to complete for
@@ -19,17 +21,15 @@ pub struct CompletionsArgs {
 
 /// Prints the completions.
 ///
-/// - `command`: the program as clap knows it
-///
 /// # Errors
 /// Stdout cannot be written.
-pub fn execute(
-    args: &CompletionsArgs,
-    mut command: clap::Command,
-    talk: &Talk,
-) -> Result<Exit, CliError> {
-    let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut command, "cardiotwin", &mut text);
-    talk.data(&String::from_utf8_lossy(&text))?;
+pub fn execute(args: &CompletionsArgs, talk: &Talk) -> Result<Exit, CliError> {
+    let shell = args.shell.to_string();
+    let unknown = || CliError::Usage(format!("no completions for {shell}"));
+    let text = completion::script(&shell).ok_or_else(unknown)?;
+    talk.data(&text.map_err(|source| CliError::Io {
+        what: "cannot write the script",
+        source,
+    })?)?;
     Ok(Exit::Ok)
 }

@@ -105,14 +105,18 @@ fn table(plan: &PlannedRun, talk: &Talk) -> String {
     } else {
         String::new()
     };
-    text.push_str(&format!(
-        "{}: {}, {:.3} node-hours{charge}; finished {} after the first job begins, if the queue \
-         runs as many jobs as its limits allow\n",
-        plan.site,
-        count(jobs, "job"),
-        plan.node_hours,
-        duration(plan.finish_after_s),
-    ));
+    if jobs == 0 {
+        text = format!("{}: nothing to submit\n", plan.site);
+    } else {
+        text.push_str(&format!(
+            "{}: {}, {:.3} node-hours{charge}; finished {} after the first job begins, if the \
+             queue runs as many jobs as its limits allow\n",
+            plan.site,
+            count(jobs, "job"),
+            plan.node_hours,
+            duration(plan.finish_after_s),
+        ));
+    }
     text.push_str(&format!("{}\n", plan.disk.words()));
     if plan.others > 0 {
         text.push_str(&format!(

@@ -493,7 +493,7 @@ async fn finish(
         .map(|(n, what)| format!("{n} {what}"))
         .collect();
     let tasks = if summary.nothing_to_do() {
-        "nothing to do: no input changed".to_owned()
+        "nothing to do: every task had its result".to_owned()
     } else {
         format!(
             "{} computed",

@@ -79,7 +79,8 @@ impl Books {
                         verdict.to_string()
                     }
                     (Some(verdict), Some(summary)) => {
-                        format!("step 1 {summary}{}; {verdict}", why_stalled(summary))
+                        // The verdict first: a narrow table cuts the rest off.
+                        format!("{verdict}; step 1 {summary}{}", why_stalled(summary))
                     }
                     (Some(verdict), None) => verdict.to_string(),
                     (None, Some(summary)) => {

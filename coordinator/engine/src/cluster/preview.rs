@@ -122,7 +122,8 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
         planned.push(row_of(job, script));
     }
     planned.sort_by_key(|job| !job.now);
-    let node_hours = planned.iter().map(|job| job.node_hours).sum();
+    // The sum of nothing is -0.
+    let node_hours = planned.iter().map(|job| job.node_hours).sum::<f64>() + 0.0;
     let finish_after_s = match jobs
         .first()
         .and_then(|job| site.queue.iter().find(|queue| queue.name == job.spec.queue))

@@ -293,7 +293,7 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
         Axis::new("error (%)", "%", scale),
     );
     chart.size = (420.0, 240.0);
-    chart.margins = [50.0, 8.0, 12.0, 26.0];
+    chart.margins = [58.0, 8.0, 12.0, 26.0];
     chart.reading = Reading::Off;
     for (k, b) in Biomarker::TABLE_2.into_iter().enumerate() {
         let centre = k as f64 + 1.0;

@@ -4,6 +4,7 @@
 //! The bounds are ours and wide: they find a wrong unit, number or clock, not an unusual heart. Each
 //! rule has a name by which `accept` in `[measured]` or in `prepare.toml` overrides it.
 
+use super::aortic_means;
 use super::clipped;
 pub use super::facts::Facts;
 use super::facts::Verdict::{self, Broken, Doubtful, Holds};
@@ -60,7 +61,7 @@ const CALCIUM_PEAK_UM: [[f64; 2]; 2] = [[0.1, 10.0], [0.02, 20.0]];
 const CALCIUM_REST_UM: f64 = 0.6;
 
 /// All rules.
-pub const RULES: [Rule; 14] = [
+pub const RULES: [Rule; 16] = [
     Rule {
         name: "ventricle-below-aorta",
         expected: "a ventricle that reaches the aorta's pressure in systole",
@@ -149,6 +150,20 @@ pub const RULES: [Rule; 14] = [
         remedy: "correct the volume or its unit, or check the scale of the trace",
         key: "measured.diastasis",
         test: diastasis_volume,
+    },
+    Rule {
+        name: "aortic-mean-pressure",
+        expected: "a mean aortic pressure of 25 to 200 mmHg",
+        remedy: "is it in mmHg? 1 kPa is 7.5 mmHg",
+        key: "measured.aortic_pressure",
+        test: aortic_means::pressure,
+    },
+    Rule {
+        name: "aortic-mean-flow",
+        expected: "a mean aortic flow of 12 to 400 mL/s, positive out of the heart",
+        remedy: "is it in mL/s? 1 L/min is 16.7 mL/s; a negative one needs the other sign, or a corrected zero",
+        key: "measured.aortic_flow",
+        test: aortic_means::flow,
     },
     Rule {
         name: "resistance",

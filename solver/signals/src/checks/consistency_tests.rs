@@ -64,6 +64,8 @@ fn each_rule_is_broken_by_its_fault_alone_and_can_be_accepted() {
         forward_ml: Some(70.0),
         windkessel: Some(windkessel([0.05, 0.95, 1.5])),
         aortic_pressure: None,
+        aortic_mean_mmhg: Some(85.0),
+        aortic_flow_ml_per_s: Some(85.0),
     };
     assert_eq!(told(&facts, &[]), Vec::<String>::new());
     let no_aorta = Facts {
@@ -73,6 +75,22 @@ fn each_rule_is_broken_by_its_fault_alone_and_can_be_accepted() {
     assert_eq!(told(&no_aorta, &[]), Vec::<String>::new());
     assert_eq!(told(&facts, &COMPARISONS), Vec::<String>::new());
     for (name, broken, severity) in [
+        (
+            "aortic-mean-pressure",
+            Facts {
+                aortic_mean_mmhg: Some(11.3),
+                ..facts
+            },
+            "error",
+        ),
+        (
+            "aortic-mean-flow",
+            Facts {
+                aortic_flow_ml_per_s: Some(-85.0),
+                ..facts
+            },
+            "error",
+        ),
         (
             "ventricle-below-aorta",
             Facts {

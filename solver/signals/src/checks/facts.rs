@@ -16,6 +16,10 @@ pub struct Facts<'a> {
     pub aorta: Option<[f64; 2]>,
     /// Pressure of the aorta over one beat \[mmHg\].
     pub aortic_pressure: Option<&'a Trace>,
+    /// Mean pressure of an aorta's trace \[mmHg\].
+    pub aortic_mean_mmhg: Option<f64>,
+    /// Mean of an aorta's flow, positive out of the heart \[mL/s\].
+    pub aortic_flow_ml_per_s: Option<f64>,
     /// Stated largest pressure of the left ventricle \[mmHg\].
     pub stated_p_max: Option<f64>,
     /// Stated end-diastolic volume \[mL\].

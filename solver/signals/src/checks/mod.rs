@@ -5,6 +5,7 @@
 //! Defects that a single file shows by itself (header, cells, order of times, gaps) are found by
 //! [`crate::read`].
 
+mod aortic_means;
 mod clipped;
 mod consistency;
 mod coverage;

@@ -15,6 +15,7 @@ use cardiotwin_schemas::organ::EffectSpec;
 
 use crate::commands::fit::afterload_answer::parameters;
 use crate::commands::fit::record::{self, Measured};
+use crate::commands::fit::trace::Accepted;
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::table::{Columns, number};
@@ -35,6 +36,8 @@ pub struct Request<'a> {
     pub pressure: &'a Path,
     /// Names of the candidates to try; empty means all.
     pub effects: &'a [String],
+    /// Names of accepted rules of consistency.
+    pub accepted: &'a [String],
     /// File for the JSON answer, or `-` for stdout.
     pub json: Option<&'a PathBuf>,
     /// SVG file for the plot.
@@ -58,7 +61,11 @@ pub fn execute(request: &Request<'_>, talk: &Talk) -> Result<Exit, CliError> {
             "`{unknown}` is not a candidate effect of the afterload; expected one of {known}"
         )));
     }
-    let measured = record::read(request.flow, request.pressure, talk)?;
+    let accepted = Accepted {
+        rules: request.accepted,
+        option: "--accept-rule",
+    };
+    let measured = record::read(request.flow, request.pressure, accepted, talk)?;
     let settings = DiscoverySettings {
         effects: request.effects.to_vec(),
         ..DiscoverySettings::default()
@@ -474,6 +481,10 @@ mod tests {
         let measured = record::read(
             &folder.join("flow.csv"),
             &folder.join("pressure.csv"),
+            Accepted {
+                rules: &[],
+                option: "--accept-rule",
+            },
             &talk,
         )
         .unwrap();

@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
+use cardiotwin_input::{nearest, patients_of};
 use clap::Args;
+
+use crate::error::CliError;
 
 /// Find and name effects that the model lacks in measured traces, and show how they reduce the
 /// misfit
@@ -16,9 +19,13 @@ use clap::Args;
                   --effects, --seed and --mesh-nodes. Ctrl-C works as in `run`."
 )]
 pub struct DiscoverArgs {
-    /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml)
-    #[arg(value_name = "PATIENT_DIR|COHORT", default_value = ".")]
-    pub(super) folder: PathBuf,
+    /// Folder of a patient (with patient.toml) or of a cohort (with cohort.toml), or with --cohort the
+    /// name of a patient
+    #[arg(value_name = "PATIENT|COHORT", default_value = ".")]
+    folder: PathBuf,
+    /// Folder of the cohort (with cohort.toml) whose patient is named
+    #[arg(long, value_name = "DIR", conflicts_with = "afterload")]
+    cohort: Option<PathBuf>,
     /// Search all patients of the cohort, which is the default for a cohort
     #[arg(long)]
     pub(super) all: bool,
@@ -67,6 +74,10 @@ pub struct DiscoverArgs {
     /// Search a measured aortic flow and pressure for effects that a three-element Windkessel lacks
     #[arg(long, value_names = ["FLOW.csv", "PRESSURE.csv"], num_args = 2, conflicts_with_all = ["all", "patients", "run_dir", "worker", "accept", "revert"])]
     pub(super) afterload: Option<Vec<PathBuf>>,
+    /// With --afterload: accept what a rule of consistency reports, by its name: aortic-mean-flow or
+    /// aortic-mean-pressure (may be given several times)
+    #[arg(long, value_name = "RULE", requires = "afterload")]
+    pub(super) accept_rule: Vec<String>,
     /// Draw the traces (measured, before and after) of one patient or afterload into an SVG file
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<PathBuf>,
@@ -79,4 +90,31 @@ pub struct DiscoverArgs {
     /// Path of the worker's executable [default: cardiotwin-worker beside this program]
     #[arg(long, value_name = "PATH")]
     pub(super) worker: Option<PathBuf>,
+}
+
+impl DiscoverArgs {
+    /// Folder of the patient or of the cohort.
+    ///
+    /// # Errors
+    /// [`CliError::Usage`] if the cohort has no patient of this name.
+    pub(super) fn folder(&self) -> Result<PathBuf, CliError> {
+        let named = self.folder.to_string_lossy();
+        let Some(cohort) = self.cohort.as_deref() else {
+            return Ok(self.folder.clone());
+        };
+        if named == "." {
+            return Ok(cohort.to_owned());
+        }
+        let patients = patients_of(cohort);
+        if let Some((_, folder)) = patients.iter().find(|(name, _)| *name == named) {
+            return Ok(folder.clone());
+        }
+        let meant = nearest(&named, patients.iter().map(|(name, _)| name.as_str()))
+            .map(|meant| format!("; did you mean `{meant}`?"));
+        Err(CliError::Usage(format!(
+            "{} has no patient `{named}`{}",
+            cohort.display(),
+            meant.unwrap_or_default()
+        )))
+    }
 }

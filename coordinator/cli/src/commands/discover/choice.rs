@@ -41,7 +41,10 @@ impl Choice {
     /// store.
     pub async fn of(args: &DiscoverArgs, talk: &Talk) -> Result<Self, CliError> {
         let run_dir = args.run_dir.clone();
-        let run_dir = run_dir.unwrap_or_else(|| args.folder.join(FOLDER));
+        let run_dir = match run_dir {
+            Some(run_dir) => run_dir,
+            None => args.folder()?.join(FOLDER),
+        };
         let options = kept::choose(&run_dir, &args.unset, &given(args), talk).await?;
         Ok(Self::from(options))
     }

@@ -43,6 +43,7 @@ pub async fn execute(args: &DiscoverArgs, talk: &Talk) -> Result<Exit, CliError>
                 flow,
                 pressure,
                 effects: &args.effects,
+                accepted: &args.accept_rule,
                 json,
                 plot,
             },

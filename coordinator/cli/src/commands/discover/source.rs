@@ -49,7 +49,7 @@ impl Source {
     /// patient or `cohort.toml` has errors, if no patient of a cohort is free of them, or, with
     /// `--strict`, if any patient has one.
     pub fn read(args: &DiscoverArgs, choice: &Choice, talk: &Talk) -> Result<Self, CliError> {
-        let folder = &args.folder;
+        let folder = &args.folder()?;
         let mut report = Report::default();
         let is = |name: &str| folder.join(name).is_file();
         let (name, patients, one) = match (is("cohort.toml"), is("patient.toml")) {

@@ -7,7 +7,7 @@ mod reruns;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use cardiotwin_engine::{JobRecord, StepExplanation, Task};
+use cardiotwin_engine::{JobRecord, LeafChange, StepExplanation, Task};
 use cardiotwin_input::{self as input, Options, Patient, Report};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::{PatientRecord, StallReason, Step1Quality};
@@ -22,7 +22,7 @@ use crate::store::{open, stored_overrides};
 use crate::table::{Columns, duration};
 use crate::talk::{Talk, Tone, count};
 use pending::Pending;
-use places::{line, places};
+use places::{PlanValues, line, places};
 
 /// Explain the state of a patient's tasks: dependencies, changed settings and files, and the layer
 /// or line that sets them
@@ -77,7 +77,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
         None => None,
     };
     let stored = match (&patient, &as_written) {
-        (Some(with), Some(without)) => reruns::of(with, without),
+        (Some(with), Some(without)) => reruns::of(with, without, &folders.as_argument("--cohort ")),
         _ => Vec::new(),
     };
     if args.json {
@@ -138,7 +138,9 @@ fn of_stall(record: &PatientRecord, folders: &Folders) -> String {
         _ => reason.words().to_owned(),
     };
     let change = match reason {
-        StallReason::SimulationFailed | StallReason::Stagnation => "--damping 0.5".to_owned(),
+        StallReason::SimulationFailed | StallReason::Stagnation => {
+            format!("--damping {}", 0.5 * record.plan.settings.step1.damping)
+        }
         StallReason::IterationLimit => {
             let limit = record.plan.settings.step1.max_iterations;
             format!("--set step1.max_iterations={}", 2 * limit)
@@ -195,16 +197,19 @@ fn text(
     talk: &Talk,
 ) -> String {
     let mut table = Columns::new(talk, &["STEP", "STATE", "TASK", ">TRIES", "SINCE", "WHY"]);
+    let values = patient.and_then(PlanValues::of);
+    let mut sections = String::new();
     for step in steps {
         let tone = match step.state {
             Task::Published { .. } => Some(Tone::Good),
             Task::Failed { .. } => Some(Tone::Bad),
             Task::Open { .. } | Task::Attempting { .. } => None,
         };
-        let mut why = match (&step.previous, step.changes.len()) {
-            (None, _) => "no earlier task of this step".to_owned(),
-            (Some(_), 1) => "1 value changed".to_owned(),
-            (Some(_), n) => format!("{n} values changed"),
+        let own = own_changes(step, values.as_ref(), patient, files);
+        let mut why = match (&step.previous, own.len(), step.changes.len()) {
+            (None, ..) => "-".to_owned(),
+            (Some(_), 0, n) if n > 0 => "results of earlier steps changed".to_owned(),
+            (Some(_), n, _) => format!("{} changed", count(n, "value")),
         };
         if !step.shared_with.is_empty() {
             let others: Vec<&str> = step.shared_with.iter().map(PatientId::as_str).collect();
@@ -219,32 +224,42 @@ fn text(
             (why, None),
         ];
         table.toned(row);
-    }
-    let mut text = table.text();
-    for step in steps.iter().filter(|step| !step.changes.is_empty()) {
-        let before = step.previous.as_ref().map_or("", |key| short(key.as_str()));
-        text.push_str(&format!(
-            "\n{} differs from its previous task {before}:\n",
-            step.step
-        ));
-        let mut n_inner = 0;
-        for change in &step.changes {
-            let set_in = places(change, patient, files);
-            // What earlier tasks found is no setting, and its path tells a reader nothing.
-            if set_in.is_empty() && change.path.contains('[') {
-                n_inner += 1;
-            } else {
-                text.push_str(&line(change, &set_in));
+        if let (Some(previous), false) = (&step.previous, own.is_empty()) {
+            sections.push_str(&format!(
+                "\n{} differs from its previous task {}:\n{}",
+                step.step,
+                short(previous.as_str()),
+                own.concat()
+            ));
+            let n_inner = step.changes.len() - own.len();
+            if n_inner > 0 {
+                sections.push_str(&format!(
+                    "  {} of earlier tasks' results, which follow from the changes above or from earlier steps\n",
+                    count(n_inner, "value")
+                ));
             }
         }
-        if n_inner > 0 {
-            text.push_str(&format!(
-                "  {} of earlier tasks' results, which follow from the changes above or from earlier steps\n",
-                count(n_inner, "value")
-            ));
-        }
     }
-    text
+    table.text() + &sections
+}
+
+/// Lines about the changes of a step by settings and files. What earlier tasks found is no setting,
+/// and its path tells a reader nothing.
+///
+/// - `values`: those of the plan; without them, values without a path through a list are shown
+fn own_changes(
+    step: &StepExplanation,
+    values: Option<&PlanValues>,
+    patient: Option<&Patient>,
+    files: &[(String, PathBuf)],
+) -> Vec<String> {
+    let own = |change: &LeafChange| {
+        let set_in = places(change, patient, files);
+        let is_file = change.path.ends_with("sha256") && !set_in.is_empty();
+        let is_set = values.map_or(!change.path.contains('['), |values| values.set(change));
+        (is_file || is_set).then(|| line(change, &set_in))
+    };
+    step.changes.iter().filter_map(own).collect()
 }
 
 fn short(key: &str) -> &str {
@@ -253,9 +268,9 @@ fn short(key: &str) -> &str {
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_engine::LeafChange;
     use cardiotwin_schemas::ids::TaskKey;
     use serde_json::Value;
+    use std::path::Path;
 
     use super::*;
 
@@ -282,27 +297,43 @@ mod tests {
             changes: vec![
                 change("pressure.sha256", "12".into(), "34".into()),
                 change("activation.spread_ms", 40.0.into(), 50.0.into()),
-                change("solver.newton_iterations", 1.into(), 2.into()),
+                change("solver.newton_iterations", 1.into(), 60.into()),
+                // A measured value has this name, too, and so has a weight.
+                change("twin.samples.volume_mL[3]", 80.0.into(), 81.5.into()),
+                change("targets.STD50_ms", 256.0.into(), 254.9.into()),
+                change("runs[0].predicted_misfit", 0.047.into(), Value::Null),
             ],
             shared_with: vec!["P9".into()],
         };
+        let later = StepExplanation {
+            step: "targets".into(),
+            changes: vec![change("nodal.sha256", "56".into(), "78".into())],
+            shared_with: Vec::new(),
+            ..step.clone()
+        };
+        let first = StepExplanation {
+            step: "step-1 iteration 1".into(),
+            previous: None,
+            changes: Vec::new(),
+            ..later.clone()
+        };
         let folder = tempfile::tempdir().unwrap();
-        std::fs::create_dir_all(folder.path().join("patients/P1")).unwrap();
+        let own = folder.path().join("patients/01-CoA");
+        std::fs::create_dir_all(&own).unwrap();
+        let example =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/coa-seven/patients/01-CoA");
+        for file in ["patient.toml", "pressure.csv", "volume.csv"] {
+            std::fs::copy(example.join(file), own.join(file)).unwrap();
+        }
         let cohort = "name = 'c'\n[solver.activation]\nspread_ms = 50\n";
         std::fs::write(folder.path().join("cohort.toml"), cohort).unwrap();
-        let text_of_patient = "id = 'P1'\ncycle_length_ms = 700\n[measured]\n";
-        std::fs::write(
-            folder.path().join("patients/P1/patient.toml"),
-            text_of_patient,
-        )
-        .unwrap();
         let patient = input::load(folder.path(), &Options::default(), &mut Report::default())
             .unwrap()
             .patients
             .remove(0);
         let pressure = PathBuf::from("/c/patients/P1/pressure.csv");
         let files = [("pressure".to_owned(), pressure)];
-        let said = text(&[step], Some(&patient), &files, &plain);
+        let said = text(&[step, first, later], Some(&patient), &files, &plain);
         let root = format!("{}/", folder.path().display());
         insta::assert_snapshot!(said.replace(&root, ""));
     }

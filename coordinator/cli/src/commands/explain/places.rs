@@ -1,9 +1,11 @@
 //! Places that set a changed value.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 
 use cardiotwin_engine::LeafChange;
 use cardiotwin_input::Patient;
+use serde_json::Value;
 
 /// Layers, or files and lines, that set the changed value. Where several keys end alike, those that
 /// agree with most of the value's path.
@@ -55,6 +57,54 @@ pub fn places(
         );
     }
     places
+}
+
+/// Values of a patient's settings and files, each with the last part of its key.
+#[derive(Debug, Default)]
+pub struct PlanValues(HashSet<(String, String)>);
+
+impl PlanValues {
+    /// Values of the plan with everything that was accepted; `None` without a plan.
+    pub fn of(patient: &Patient) -> Option<Self> {
+        let plan = serde_json::to_value(patient.resolved.as_ref()?).ok()?;
+        let mut values = Self::default();
+        values.collect("", &plan);
+        Some(values)
+    }
+
+    fn collect(&mut self, name: &str, value: &Value) {
+        match value {
+            Value::Object(fields) => fields
+                .iter()
+                .for_each(|(name, value)| self.collect(name, value)),
+            Value::Array(items) => items.iter().for_each(|item| self.collect(name, item)),
+            leaf => {
+                self.0.insert((name.to_owned(), comparable(leaf)));
+            }
+        }
+    }
+
+    /// Whether the new value is one of the plan, and not a result of an earlier task.
+    pub fn set(&self, change: &LeafChange) -> bool {
+        let last = change.path.rsplit('.').next().unwrap_or(&change.path);
+        let name = last.split('[').next().unwrap_or(last);
+        match &change.new {
+            None => !change.path.contains('['),
+            Some(new @ (Value::Object(_) | Value::Array(_))) => {
+                let mut inner = Self::default();
+                inner.collect(name, new);
+                inner.0.is_subset(&self.0)
+            }
+            Some(new) => self.0.contains(&(name.to_owned(), comparable(new))),
+        }
+    }
+}
+
+/// A value as text in which 1 and 1.0 are the same.
+fn comparable(value: &Value) -> String {
+    value
+        .as_f64()
+        .map_or_else(|| value.to_string(), |number| number.to_string())
 }
 
 /// Whether the new value is one that was accepted for the patient, and not that of its own file: the

@@ -16,8 +16,10 @@ pub struct Stored {
 }
 
 /// The settings that differ between the patient with and without its stored settings.
+///
+/// - `of`: the cohort, as an argument
 #[must_use]
-pub fn of(with: &Patient, without: &Patient) -> Vec<Stored> {
+pub fn of(with: &Patient, without: &Patient, of: &str) -> Vec<Stored> {
     let json =
         |patient: &Patient| serde_json::to_value(&patient.settings.settings).unwrap_or_default();
     engine::leaf_changes(&json(without), &json(with))
@@ -27,7 +29,13 @@ pub fn of(with: &Patient, without: &Patient) -> Vec<Stored> {
                 .new
                 .as_ref()
                 .map_or("null".to_owned(), ToString::to_string);
-            let command = format!("cardiotwin rerun {} --set {}={value}", with.id, change.path);
+            let from = engine::first_stage(&change.path);
+            let command = format!(
+                "cardiotwin rerun {} --from {} --set {}={value}{of}",
+                with.id,
+                from.as_str().replace("step-", "step"),
+                change.path
+            );
             Stored { change, command }
         })
         .collect()
@@ -78,13 +86,13 @@ mod tests {
             ..Options::default()
         };
         let (with, without) = (load(&stored), load(&Options::default()));
-        let said = words(&of(&with, &without));
+        let said = words(&of(&with, &without, " --cohort c"));
         for part in [
             "step1.damping: 0.8 -> 0.5",
-            "`cardiotwin rerun P1 --set step1.damping=0.5`",
+            "`cardiotwin rerun P1 --from step1 --set step1.damping=0.5 --cohort c`",
         ] {
             assert!(said.contains(part), "{said}");
         }
-        assert_eq!(words(&of(&without, &without)), "");
+        assert_eq!(words(&of(&without, &without, "")), "");
     }
 }

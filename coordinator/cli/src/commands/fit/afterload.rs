@@ -36,7 +36,7 @@ pub fn execute(args: &AfterloadArgs, talk: &Talk) -> Result<Exit, CliError> {
     let Some(pressure) = pressure else {
         return cuff::execute(args, source, talk);
     };
-    let measured = record::read_from(source, pressure, talk)?;
+    let measured = record::read_from(source, pressure, args.accepted(), talk)?;
     // One cycle of volume carries no information about the time before it.
     let periodic = args.periodic || args.volume.is_some();
     let start = if periodic {
@@ -212,6 +212,7 @@ fn text(answer: &AfterloadFitAnswer, talk: &Talk) -> String {
 mod tests {
     use std::path::Path;
 
+    use super::super::trace::Accepted;
     use super::*;
 
     fn talk() -> Talk {
@@ -230,7 +231,12 @@ mod tests {
         ))
         .join(case);
         let file = |trace: &str| folder.join(format!("{trace}{part}.csv"));
-        let mut measured = record::read(&file("flow"), &file("pressure"), &talk()).unwrap();
+        let accepted = Accepted {
+            rules: &[],
+            option: "--accept",
+        };
+        let mut measured =
+            record::read(&file("flow"), &file("pressure"), accepted, &talk()).unwrap();
         (measured.described.flow, measured.described.pressure) =
             ("flow.csv".to_owned(), "pressure.csv".to_owned());
         let fit = fit_windkessel(&measured.record, WindkesselFitSettings::default()).unwrap();

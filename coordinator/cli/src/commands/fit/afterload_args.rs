@@ -6,6 +6,7 @@ use cardiotwin_calibrate::afterload::CuffPressures;
 use clap::Args;
 
 use super::record::FlowSource;
+use super::trace::Accepted;
 use crate::error::CliError;
 
 /// Fit the three-element Windkessel (characteristic and peripheral resistance, compliance) to
@@ -48,6 +49,10 @@ pub struct AfterloadArgs {
     /// Coverage probability of the intervals
     #[arg(long, value_name = "SHARE", default_value_t = 0.95)]
     pub(super) confidence: f64,
+    /// Accept what a rule of consistency reports, by its name: aortic-mean-flow or
+    /// aortic-mean-pressure (may be given several times)
+    #[arg(long, value_name = "RULE")]
+    accept: Vec<String>,
     /// Draw the pressure and the fit into this SVG file
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<PathBuf>,
@@ -57,6 +62,16 @@ pub struct AfterloadArgs {
     /// Print one JSON object instead of a table
     #[arg(long)]
     pub(super) json: bool,
+}
+
+impl AfterloadArgs {
+    /// Rules of consistency that are accepted.
+    pub(super) fn accepted(&self) -> Accepted<'_> {
+        Accepted {
+            rules: &self.accept,
+            option: "--accept",
+        }
+    }
 }
 
 /// Sources of flow and pressure. With a cuff there is no pressure file.

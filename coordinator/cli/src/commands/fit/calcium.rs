@@ -8,11 +8,12 @@ use cardiotwin_calibrate::calcium_fit::{
 use cardiotwin_report::html::calcium_fit_svg;
 use cardiotwin_report::results::atomic;
 use cardiotwin_schemas::fit::{CalciumFitAnswer, FittedQuantity};
-use cardiotwin_signals::checks::{Facts, contradictions};
+use cardiotwin_signals::checks::Facts;
 use cardiotwin_signals::{Problem, Quantity, Trace};
 use clap::{Args, ValueEnum};
 
-use super::{cohort_toml, trace};
+use super::cohort_toml;
+use super::trace::{self, Accepted};
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::table::{Columns, number, optional};
@@ -86,7 +87,15 @@ pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
         ));
     }
     let measured = trace::read(&args.trace, Quantity::Calcium, talk)?;
-    trace::checked(doubts(&measured, &args.accept, &args.trace), talk)?;
+    let facts = Facts {
+        calcium: Some(&measured),
+        ..Facts::default()
+    };
+    let accepted = Accepted {
+        rules: &args.accept,
+        option: "--accept",
+    };
+    trace::checked(accepted.doubts(&facts, &args.trace), talk)?;
     let settings = CalciumFitSettings {
         activation_ms: args.activation,
         confidence_level: args.confidence,
@@ -113,23 +122,6 @@ pub fn execute(args: &CalciumArgs, talk: &Talk) -> Result<Exit, CliError> {
             .for_each(|warning| talk.say(&format!("warning: {warning}")));
     }
     Ok(Exit::Ok)
-}
-
-/// What the rules of consistency say of the trace, in words of this command: there is no patient's file.
-fn doubts(measured: &Trace, accepted: &[String], file: &Path) -> Vec<Problem> {
-    let facts = Facts {
-        calcium: Some(measured),
-        ..Facts::default()
-    };
-    let mut found = contradictions(&facts, accepted, file);
-    for problem in &mut found {
-        let is_rule = problem.key.as_deref() == Some("measured.calcium");
-        problem.key = Some(if is_rule { "calcium_uM" } else { "--accept" }.to_owned());
-        problem.remedy = problem
-            .remedy
-            .replace("accept = [\"calcium-range\"]", "--accept calcium-range");
-    }
-    found
 }
 
 /// Error of the fit as a problem of the trace's file.
@@ -360,7 +352,19 @@ mod tests {
         let trace = cardiotwin_signals::parse_trace(csv.as_bytes(), file, Quantity::Calcium)
             .trace
             .unwrap();
-        let found = doubts(&trace, &[], file);
+        let doubts = |rules: &[&str]| {
+            let facts = Facts {
+                calcium: Some(&trace),
+                ..Facts::default()
+            };
+            let rules: Vec<String> = rules.iter().map(|rule| (*rule).to_owned()).collect();
+            Accepted {
+                rules: &rules,
+                option: "--accept",
+            }
+            .doubts(&facts, file)
+        };
+        let found = doubts(&[]);
         let said = found[0].to_string();
         for part in [
             "t.csv: calcium_uM: found calcium from 100 to 600 µM",
@@ -370,8 +374,8 @@ mod tests {
             assert!(said.contains(part), "{part} is not in {said}");
         }
         assert!(found.len() == 1 && found[0].is_error());
-        assert!(doubts(&trace, &["calcium-range".to_owned()], file).is_empty());
-        let misspelt = doubts(&trace, &["calcium".to_owned()], file);
+        assert!(doubts(&["calcium-range"]).is_empty());
+        let misspelt = doubts(&["calcium"]);
         assert!(
             misspelt
                 .iter()

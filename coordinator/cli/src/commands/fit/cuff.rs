@@ -6,6 +6,7 @@ use cardiotwin_input::preparation::afterload_table as table;
 use cardiotwin_report::html::cuff_fit_svg;
 use cardiotwin_schemas::afterload::{AfterloadQuantity, CuffFitAnswer, Determined};
 use cardiotwin_signals::Problem;
+use cardiotwin_signals::checks::Facts;
 
 use super::afterload_answer::{Said, estimates, in_a_word, one_line, parameters, say};
 use super::afterload_args::AfterloadArgs;
@@ -51,6 +52,11 @@ pub fn execute(
             talk,
         )
     })?;
+    let facts = Facts {
+        aortic_flow_ml_per_s: Some(fit.mean_flow_ml_per_s),
+        ..Facts::default()
+    };
+    trace::checked(args.accepted().doubts(&facts, source.file()), talk)?;
     let answer = answer(&source, &cuff, &fit, args.confidence);
     let plot = || {
         let points: Vec<(f64, f64)> = fit

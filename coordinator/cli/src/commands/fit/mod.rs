@@ -7,7 +7,7 @@ mod calcium;
 mod cohort_toml;
 mod cuff;
 pub mod record;
-mod trace;
+pub mod trace;
 
 use clap::{Args, Subcommand};
 

@@ -5,10 +5,11 @@ use std::path::Path;
 use cardiotwin_calibrate::afterload::{AfterloadError, Record};
 use cardiotwin_input::preparation::ejection_flow;
 use cardiotwin_schemas::afterload::AfterloadRecord;
+use cardiotwin_signals::checks::Facts;
 use cardiotwin_signals::{Problem, Quantity, Trace};
 use cardiotwin_units::Ms;
 
-use super::trace;
+use super::trace::{self, Accepted};
 use crate::error::CliError;
 use crate::talk::{Talk, count};
 
@@ -24,10 +25,6 @@ pub struct Measured {
     pub doubts: Vec<String>,
 }
 
-/// Mean pressures of an aorta, mmHg: from shock to the highest crises.
-const MEAN_MMHG: std::ops::RangeInclusive<f64> = 25.0..=200.0;
-/// Mean flows of an aorta, mL/s: 0.7 to 24 L/min. A flow in L/min, 2 to 12 at rest, lies below.
-const MEAN_ML_PER_S: std::ops::RangeInclusive<f64> = 12.0..=400.0;
 /// Relative difference between the lengths of two records that is worth a word.
 const LENGTHS: f64 = 0.05;
 /// Relative difference between R1 + R2 and mean pressure over mean flow that is worth a word. They are
@@ -58,31 +55,9 @@ fn mean(samples: &[(f64, f64)]) -> f64 {
     samples.iter().map(|(_, value)| value).sum::<f64>() / samples.len().max(1) as f64
 }
 
-/// What is doubtful about a flow and a pressure.
-fn doubts(q: &Trace, p: &Trace, mean_flow: f64, pressure: &[(f64, f64)]) -> Vec<String> {
+/// What is doubtful about the times of a flow and a pressure.
+fn doubts(q: &Trace, p: &Trace) -> Vec<String> {
     let mut said = Vec::new();
-    if mean_flow <= 0.0 {
-        said.push(format!(
-            "a mean flow of {mean_flow:.2} mL/s: the heart pumps out of the aorta; change the sign if \
-             the probe was mounted the other way, and check its zero"
-        ));
-    } else if !MEAN_ML_PER_S.contains(&mean_flow) {
-        said.push(format!(
-            "a mean flow of {mean_flow:.2} mL/s, where an aorta has {} to {}: is it in mL/s? \
-             1 L/min is 16.7 mL/s",
-            MEAN_ML_PER_S.start(),
-            MEAN_ML_PER_S.end()
-        ));
-    }
-    let mean_pressure = mean(pressure);
-    if !MEAN_MMHG.contains(&mean_pressure) {
-        said.push(format!(
-            "a mean pressure of {mean_pressure:.1} mmHg, where an aorta has {} to {}: is it in mmHg? \
-             1 kPa is 7.5 mmHg",
-            MEAN_MMHG.start(),
-            MEAN_MMHG.end()
-        ));
-    }
     let length = |trace: &Trace| trace.end_ms() - trace.time_ms()[0];
     let (of_flow, of_pressure) = (length(q), length(p));
     if (of_flow - of_pressure).abs() > LENGTHS * of_flow.max(of_pressure) {
@@ -151,8 +126,13 @@ impl FlowSource<'_> {
 ///
 /// # Errors
 /// [`CliError::Trace`] if a trace has errors or the two do not make a record.
-pub fn read(flow: &Path, pressure: &Path, talk: &Talk) -> Result<Measured, CliError> {
-    read_from(FlowSource::Measured(flow), pressure, talk)
+pub fn read(
+    flow: &Path,
+    pressure: &Path,
+    accepted: Accepted<'_>,
+    talk: &Talk,
+) -> Result<Measured, CliError> {
+    read_from(FlowSource::Measured(flow), pressure, accepted, talk)
 }
 
 /// Reads flow and pressure, where the flow may come from a volume.
@@ -162,6 +142,7 @@ pub fn read(flow: &Path, pressure: &Path, talk: &Talk) -> Result<Measured, CliEr
 pub fn read_from(
     source: FlowSource<'_>,
     pressure: &Path,
+    accepted: Accepted<'_>,
     talk: &Talk,
 ) -> Result<Measured, CliError> {
     // Both files are read before either is refused, so that the user sees all problems at once.
@@ -195,10 +176,23 @@ pub fn read_from(
         mean_flow_ml_per_s: record.mean_flow_ml_per_s(),
         pulse_pressure_mmhg: record.pulse_pressure_mmhg(),
     };
-    let pressure = record.pressure_samples();
-    let doubts = doubts(&q, &p, described.mean_flow_ml_per_s, &pressure);
+    let samples = record.pressure_samples();
+    let of_flow = Facts {
+        aortic_flow_ml_per_s: Some(described.mean_flow_ml_per_s),
+        ..Facts::default()
+    };
+    let of_pressure = Facts {
+        aortic_mean_mmhg: Some(mean(&samples)),
+        ..Facts::default()
+    };
+    let mut broken = accepted.doubts(&of_flow, flow);
+    broken.extend(accepted.doubts(&of_pressure, pressure));
+    // A misspelt name is told for each file.
+    broken.dedup_by(|a, b| a.key.as_deref() == Some(accepted.option) && a.found == b.found);
+    trace::checked(broken, talk)?;
+    let doubts = doubts(&q, &p);
     Ok(Measured {
-        pressure,
+        pressure: samples,
         record,
         described,
         doubts,

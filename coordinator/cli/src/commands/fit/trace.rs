@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use cardiotwin_input::Report;
+use cardiotwin_signals::checks::{Facts, contradictions};
 use cardiotwin_signals::{Origin, Problem, Quantity, Trace, read_trace_from};
 
 use crate::error::CliError;
@@ -20,6 +21,35 @@ pub fn read(file: &Path, quantity: Quantity, talk: &Talk) -> Result<Trace, CliEr
         .trace
         .filter(|_| n_errors == 0)
         .ok_or_else(|| unusable(n_errors))
+}
+
+/// Rules of consistency that the command line accepts.
+#[derive(Debug, Clone, Copy)]
+pub struct Accepted<'a> {
+    /// Names of the rules.
+    pub rules: &'a [String],
+    /// Option that gave them.
+    pub option: &'static str,
+}
+
+impl Accepted<'_> {
+    /// What the other rules find, in words of a command without a patient's file.
+    pub fn doubts(&self, facts: &Facts<'_>, file: &Path) -> Vec<Problem> {
+        let mut found = contradictions(facts, self.rules, file);
+        for problem in &mut found {
+            problem.key = Some(match problem.key.as_deref() {
+                Some("measured.calcium") => Quantity::Calcium.column().to_owned(),
+                Some("measured.aortic_flow") => Quantity::Flow.column().to_owned(),
+                Some("measured.aortic_pressure") => Quantity::Pressure.column().to_owned(),
+                _ => self.option.to_owned(),
+            });
+            if let Some((remedy, rule)) = problem.remedy.split_once("accept = [\"") {
+                let rule = rule.trim_end_matches("\"]");
+                problem.remedy = format!("{remedy}{} {rule}", self.option);
+            }
+        }
+        found
+    }
 }
 
 /// Prints what contradicts a trace.

@@ -9,6 +9,7 @@ use ratatui::widgets::{Cell, Paragraph, Row, Table};
 
 use super::page::{Entry, Opened, Page, Part};
 use super::table::{COLUMNS, counted, of_cluster, refused_row, row};
+use super::unseen;
 use crate::talk::{Tone, harmless};
 
 const KEYS_OF_TABLE: &str =
@@ -56,6 +57,7 @@ fn heading(page: &Page) -> Vec<Line<'static>> {
         ));
     }
     lines.push_str(&status.cluster.as_ref().map(of_cluster).unwrap_or_default());
+    lines.push_str(&unseen::lines(status));
     let line = |text: &str| Line::from(harmless(text).into_owned());
     lines.lines().map(line).collect()
 }

@@ -59,8 +59,9 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
         Ok::<_, CliError>(())
     };
     if args.watch && !args.json && has_terminal() {
-        let status = watch::watch(&reader, member, args.failed, talk).await?;
+        let status = watch::watch(&reader, &folders, member, args.failed, talk).await?;
         print(&status, ROWS)?;
+        talk.data(&unseen::words(&status, &folders))?;
         return Ok(Exit::Ok);
     }
     loop {
@@ -70,6 +71,9 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
             ROWS
         };
         let mut status = reader.screen(rows).await?;
+        if member == "PATIENT" {
+            unseen::add(&mut status, &folders).await?;
+        }
         if args.failed {
             status
                 .patients
@@ -79,10 +83,7 @@ pub async fn execute(args: &StatusArgs, talk: &Talk) -> Result<Exit, CliError> {
             talk.json(&status)?;
         } else {
             print(&status, rows)?;
-            if !args.watch && member == "PATIENT" {
-                let unseen = unseen::unseen(&status, &folders).await?;
-                talk.data(&unseen.words(&folders))?;
-            }
+            talk.data(&unseen::words(&status, &folders))?;
         }
         if !args.watch || Talk::reader_left() || (is_over(&status) && !status.coordinator_running) {
             return Ok(Exit::Ok);

@@ -1,7 +1,7 @@
 //! Tests of the terminal page of `status --watch`: keys, and drawings on a terminal in memory.
 
 use cardiotwin_dashboard::Estimate;
-use cardiotwin_schemas::status::{PatientState, RefusedPatient, Status};
+use cardiotwin_schemas::status::{ChangedPatient, PatientState, RefusedPatient, Status};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
@@ -56,6 +56,24 @@ fn the_table_has_the_columns_of_status_and_says_what_is_chosen() {
     };
     page.update(page.status.clone(), Some(estimate));
     insta::assert_snapshot!(drawn(&mut page));
+}
+
+#[test]
+fn new_and_changed_patients_stand_above_the_table() {
+    let mut page = page();
+    assert!(!drawn(&mut page).contains("the run"));
+    page.status.new_patients = vec!["09-CoA".into()];
+    page.status.changed_patients = vec![ChangedPatient {
+        patient: "01-CoA".into(),
+        from: "step-1".into(),
+    }];
+    let drawn = drawn(&mut page);
+    for line in [
+        "not in the run yet: 09-CoA",
+        "changed since the run: 01-CoA (from step-1 on)",
+    ] {
+        assert!(drawn.contains(line), "{drawn}");
+    }
 }
 
 #[test]

@@ -74,6 +74,8 @@ pub(super) fn status() -> Status {
             },
         ],
         refused: Vec::new(),
+        new_patients: Vec::new(),
+        changed_patients: Vec::new(),
         learned: None,
         cluster: None,
     }

@@ -14,14 +14,18 @@ use tokio::time::Instant;
 
 use super::draw::draw;
 use super::page::{Action, Page};
+use super::unseen;
 use crate::commands::logs::end_of_logs;
 use crate::commands::show::text_of;
 use crate::error::CliError;
 use crate::estimate::estimate;
+use crate::place::Folders;
 use crate::talk::Talk;
 
 /// Time between two readings of the database.
 const PERIOD: Duration = Duration::from_secs(2);
+/// Time between two readings of the cohort's files.
+const PERIOD_OF_FILES: Duration = Duration::from_secs(10);
 /// Longest wait for a key before the thread looks whether the page has ended.
 const PATIENCE: Duration = Duration::from_millis(100);
 /// Largest part of each log file that the page shows, bytes.
@@ -49,11 +53,18 @@ fn of_terminal(source: std::io::Error) -> CliError {
 /// Errors of the store; [`CliError::Io`] if the terminal cannot be used.
 pub async fn watch(
     reader: &Reader,
+    folders: &Folders,
     member: &'static str,
     only_failed: bool,
     talk: &Talk,
 ) -> Result<Status, CliError> {
-    let mut page = Page::new(reader.status().await?, member, only_failed);
+    let mut status = reader.status().await?;
+    let of_cohort = member == "PATIENT";
+    if of_cohort {
+        unseen::add(&mut status, folders).await?;
+    }
+    let mut files_read = Instant::now();
+    let mut page = Page::new(status, member, only_failed);
     page.estimate = expected_end(reader, &page.status).await?;
     let mut ended = signal(SignalKind::terminate()).map_err(of_terminal)?;
     let mut terminal = Terminal(ratatui::try_init().map_err(of_terminal)?);
@@ -62,7 +73,14 @@ pub async fn watch(
     let mut next = Instant::now() + PERIOD;
     loop {
         if Instant::now() >= next {
-            let status = reader.status().await?;
+            let mut status = reader.status().await?;
+            if of_cohort && files_read.elapsed() >= PERIOD_OF_FILES {
+                unseen::add(&mut status, folders).await?;
+                files_read = Instant::now();
+            } else if !status.coordinator_running {
+                status.new_patients = std::mem::take(&mut page.status.new_patients);
+                status.changed_patients = std::mem::take(&mut page.status.changed_patients);
+            }
             let end = expected_end(reader, &status).await?;
             page.update(status, end);
             read_opened(reader, &mut page, talk).await?;
