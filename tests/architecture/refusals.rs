@@ -85,6 +85,23 @@ pub const REFUSALS: &[Refusal] = &[
         why: "what a caller hands in is all that it knows: no I/O, no clock",
     },
     Refusal {
+        folder: "coordinator/engine/src/cluster/decide",
+        except: None,
+        paths: &[
+            "tokio",
+            "sqlx",
+            "rustix",
+            "std::fs",
+            "std::env",
+            "std::process",
+            "std::net",
+            "std::time",
+            "cardiotwin_protocol",
+            "cardiotwin_slurm::access",
+        ],
+        why: "decisions on a cluster get observations as data: no folder, clock or scheduler",
+    },
+    Refusal {
         folder: "coordinator/dashboard/src",
         except: None,
         paths: &["sqlx", "std::fs", "std::env", "std::process"],

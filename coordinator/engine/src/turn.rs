@@ -14,25 +14,25 @@
 //! assumed. The process may therefore be killed anywhere.
 
 use super::EngineError;
-use super::files_seen::{Asked, FilesSeen};
 
 /// An engine over its books.
 pub trait Engine {
-    /// What an observation found.
-    type Seen: From<FilesSeen>;
+    /// What was observed, as plain data.
+    type Seen;
+
+    /// What a decision has to know before it is complete.
+    type Question;
 
     /// Reads the world: processes, directories, the queue, signals, the clock.
     async fn observe(&mut self) -> Result<Self::Seen, EngineError>;
 
     /// Decides what follows from an observation. A decision reads and writes nothing outside the
     /// books in memory. It returns what it needs to know, and is called again with the answer; it
-    /// is complete when it asks for nothing.
-    fn decide(&mut self, seen: Self::Seen) -> Result<Asked, EngineError>;
+    /// is complete when it asks nothing.
+    fn decide(&mut self, seen: Self::Seen) -> Result<Option<Self::Question>, EngineError>;
 
     /// Looks for what a decision asks.
-    async fn look(&mut self, asked: Asked) -> Result<Self::Seen, EngineError> {
-        Ok(FilesSeen::look(asked.files).into())
-    }
+    async fn look(&mut self, question: Self::Question) -> Result<Self::Seen, EngineError>;
 
     /// Makes the decisions durable.
     async fn commit(&mut self) -> Result<(), EngineError>;
@@ -52,12 +52,8 @@ pub trait Engine {
 pub async fn run<E: Engine>(engine: &mut E) -> Result<(), EngineError> {
     loop {
         let mut seen = engine.observe().await?;
-        loop {
-            let asked = engine.decide(seen)?;
-            if asked.is_empty() {
-                break;
-            }
-            seen = engine.look(asked).await?;
+        while let Some(question) = engine.decide(seen)? {
+            seen = engine.look(question).await?;
         }
         engine.commit().await?;
         engine.act().await?;

@@ -15,6 +15,7 @@ pub mod commands;
 pub mod failure;
 pub mod job;
 pub mod job_status;
+pub mod judgement;
 pub mod plan;
 pub mod reason;
 pub mod script;

@@ -534,6 +534,7 @@ impl Books {
 
     /// Marks an action as executed in the next commit.
     pub fn action_done(&mut self, id: i64) {
+        self.outbox.retain(|(other, _)| *other != id);
         self.batch.actions_done([id]);
     }
 

@@ -22,25 +22,36 @@ pub fn nodes(plan: &ResolvedPatient) -> u32 {
         .unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
 }
 
-/// Numbers of nodes of patients' own meshes, read once for all decisions of a tick.
+/// Numbers of nodes of patients' own meshes, each read once; `None` for a file that does not state
+/// it.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct MeshSizes(HashMap<PathBuf, u32>);
+pub struct MeshSizes(HashMap<PathBuf, Option<u32>>);
 
 impl MeshSizes {
     /// Reads the file of a patient's own mesh, unless it is known.
     pub fn learn(&mut self, plan: &ResolvedPatient) {
-        if let Some(file) = own_file(plan)
-            && !self.0.contains_key(&file.path)
-        {
-            self.0.insert(file.path.clone(), nodes(plan));
+        if let Some(path) = self.unknown(plan) {
+            let nodes = of_file(&path);
+            self.0.insert(path, nodes);
         }
+    }
+
+    /// File of a patient's own mesh, unless it is known or the mesh is generated.
+    pub fn unknown(&self, plan: &ResolvedPatient) -> Option<PathBuf> {
+        let file = own_file(plan)?;
+        (!self.0.contains_key(&file.path)).then(|| file.path.clone())
+    }
+
+    /// Adds what was read.
+    pub fn extend(&mut self, read: Vec<(PathBuf, Option<u32>)>) {
+        self.0.extend(read);
     }
 
     /// Number of nodes of a patient's mesh. A mesh whose file was not read counts as generated.
     pub fn nodes(&self, plan: &ResolvedPatient) -> u32 {
         let known = own_file(plan).and_then(|file| self.0.get(&file.path));
         let generated = plan.settings.solver.finite_element.mesh_nodes;
-        known.copied().unwrap_or(generated)
+        known.copied().flatten().unwrap_or(generated)
     }
 }
 
@@ -51,7 +62,8 @@ fn own_file(plan: &ResolvedPatient) -> Option<&InputFile> {
         .and_then(|own| own.files.first())
 }
 
-fn of_file(path: &Path) -> Option<u32> {
+/// Number of nodes that the file of a mesh states.
+pub fn of_file(path: &Path) -> Option<u32> {
     let mut bytes = Vec::new();
     File::open(path)
         .ok()?

@@ -2,45 +2,40 @@
 //! stay alive between two ticks. A tick may be killed anywhere, and the next one continues.
 //!
 //! ```text
-//!  observe: attempts and jobs by the files they left ([`follow`], [`observe`]); one squeue, at
-//!           most one sacct
-//!  decide:  chains as everywhere (`Decider`), consequences of ended jobs ([`settle`]), new jobs
-//!           ([`place`])
+//!  observe: requests, then the results of effects, as plain data
+//!  decide:  State::decide, a pure function of state and observation ([`decide`])
+//!           ▲ answer              │ question
+//!           └──────── look ◄──────┘ folders, squeue, sacct          ([`look`])
 //!  commit:  events, states, names of new jobs and actions, in one transaction
-//!  act:     fences, scancel, sbatch ([`submit`])
+//!  act:     State::effects: fences, scancel, sbatch                 ([`act`])
 //! ```
-//! A quiet tick is one turn. Requests, jobs that ended and attempts that were stopped take a turn of
-//! their own ([`Stage`]), because their consequences are decided after they are committed.
+//! A quiet tick is one turn. Requests, jobs that ended and submissions take further turns, because
+//! their consequences are decided after they are committed ([`Phase`]).
 
-mod breaker;
+mod act;
+mod decide;
 mod disk_need;
 mod examine;
 mod expect;
-mod follow;
-mod linger;
+mod look;
 mod mesh_size;
-mod observe;
+mod order;
 mod place;
 mod preview;
 mod profile;
-mod settle;
 mod share;
-mod standing;
-mod submit;
 #[cfg(test)]
 mod tests;
+mod waiting;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_slurm::access::Scheduler;
-use cardiotwin_slurm::answers::queue::QueueRow;
-use cardiotwin_slurm::answers::{Output, Table};
+use cardiotwin_slurm::answers::Output;
 use cardiotwin_slurm::commands::Command;
-use cardiotwin_slurm::job::JobId;
 use cardiotwin_slurm::site::Site;
 use cardiotwin_store::Writer;
 use cardiotwin_workflow::patient::Patient;
@@ -48,97 +43,42 @@ use cardiotwin_workflow::task::Task;
 
 use super::books::{Books, TaskEntry};
 use super::decider::Decider;
-use super::files_seen::{Asked, FilesSeen};
+use super::files_seen::FilesSeen;
 use super::program_identity::DECIDED_BY;
-use super::requests::Pending;
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
 use super::{
     EngineError, EventSender, RunSummary, StopLevel, StopSignal, requests, worker_identity,
 };
-use crate::dispatch::Evidence;
+use crate::dispatch;
 pub use cardiotwin_store::cluster_jobs::{ClusterReport, REPORT};
 
 use cardiotwin_workflow::cluster_job::Element;
+use decide::{EffectResult, Observation, Phase, ProcessIdentity, Question, State};
 pub use disk_need::DiskNeed;
 pub use examine::{QueueReport, SiteReport, examine_site};
-use expect::Expectations;
-use mesh_size::MeshSizes;
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
 pub use share::{NoQueue, without_queue};
-use standing::Settlement;
 
-/// Stages of a tick. A stage that finds nothing is skipped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
-    /// Changes that other processes requested are applied.
-    Requests,
-    /// Attempts and jobs are examined; the ends of jobs are committed, then these jobs are revoked.
-    Jobs,
-    /// The patients of ended jobs are dealt with, and waiting patients are placed in jobs.
-    Patients,
-    /// The ends of attempts that were stopped are taken up.
-    Effects,
-    /// The tick is over.
-    Over,
-}
-
-/// Number of the action that stopped an attempt, the attempt, and the evidence that was published
-/// before.
-type Stopped = (i64, AttemptId, Option<Evidence>);
-
-/// Observation of a stage.
-pub enum Seen {
-    Requests(Vec<Pending>),
-    /// Names and elements of jobs that ended.
-    Ended(Vec<(String, usize)>),
-    Settlements(Vec<Settlement>),
-    Stopped(Vec<Stopped>),
-    /// Files about which decisions asked.
-    Files(FilesSeen),
-}
-
-impl From<FilesSeen> for Seen {
-    fn from(seen: FilesSeen) -> Self {
-        Self::Files(seen)
-    }
-}
-
-/// A run whose tasks are jobs of a cluster.
+/// A run whose tasks are jobs of a cluster: the state of its decisions, and what looks and acts for
+/// them.
 pub struct Cluster<S> {
-    books: Books,
-    decider: Decider,
+    state: State,
     writer: Writer,
     scheduler: S,
-    site: Site,
-    settings: ExecutorSettings,
     /// Path of the worker's executable, as compute nodes see it.
     worker: PathBuf,
     /// Path of this program, which is also the driver inside the allocations.
     program: PathBuf,
     events: EventSender,
     surroundings: Surroundings,
-    /// Answer of squeue in this tick; `None` if it was not asked or did not answer.
-    queue: Option<Table<QueueRow>>,
-    /// Whether the site reported that it has no accounting.
-    no_accounting: bool,
-    report: ClusterReport,
-    submitted: u64,
-    /// Number of job names made by this process.
-    names: u32,
-    mesh_sizes: MeshSizes,
-    stage: Stage,
-    /// Files of requests that were applied, to be removed after the commit.
-    applied_requests: Vec<PathBuf>,
-    /// Names and elements of jobs to revoke after the commit.
-    to_revoke: Vec<(String, usize)>,
-    /// Elements that outlived their drivers, to be cancelled after the commit.
-    lingering: Vec<JobId>,
-    /// Whether such elements are cancelled at once, without a grace time.
-    ends_all: bool,
-    /// Attempts that were stopped in this tick.
-    stopped: Vec<Stopped>,
+    /// Results of the effects of the last turn.
+    results: Vec<EffectResult>,
+    /// Number of commands in this tick.
+    commands: u32,
+    /// The report as it was committed last, in JSON.
+    committed_report: String,
 }
 
 impl<S: Scheduler> Cluster<S> {
@@ -164,42 +104,29 @@ impl<S: Scheduler> Cluster<S> {
         let first = writer.first_outcomes(&kinds, expect::ENOUGH as u32).await?;
         books.note_wall_times(first);
         books.jobs_mut().place_patients();
-        let before = writer
-            .meta()
-            .await?
-            .remove(REPORT)
-            .and_then(|text| serde_json::from_str(&text).ok());
-        let mut report: ClusterReport = before.unwrap_or_default();
-        if !programs.1.as_os_str().is_empty() {
+        let committed_report = writer.meta().await?.remove(REPORT).unwrap_or_default();
+        let mut report: ClusterReport = serde_json::from_str(&committed_report).unwrap_or_default();
+        let (worker, program) = programs;
+        if !program.as_os_str().is_empty() {
             report.site.clone_from(&site.name);
             report.charge_per_node_hour = site.charge_per_node_hour;
             report.charge_unit.clone_from(&site.charge_unit);
         }
-        let (worker, program) = programs;
-        let (queue, no_accounting, submitted, names) = (None, false, 0, 0);
+        let process = ProcessIdentity {
+            pid: std::process::id(),
+            uid: dispatch::own_uid(),
+        };
         Ok(Self {
-            books,
-            decider,
+            state: State::new((books, decider), site, settings, report, process),
             writer,
             scheduler,
-            site,
-            settings,
             worker,
             program,
             events,
             surroundings,
-            queue,
-            no_accounting,
-            report,
-            submitted,
-            names,
-            mesh_sizes: MeshSizes::default(),
-            stage: Stage::Requests,
-            applied_requests: Vec::new(),
-            to_revoke: Vec::new(),
-            lingering: Vec::new(),
-            ends_all: false,
-            stopped: Vec::new(),
+            results: Vec::new(),
+            commands: 0,
+            committed_report,
         })
     }
 
@@ -208,15 +135,14 @@ impl<S: Scheduler> Cluster<S> {
     /// # Errors
     /// Any [`EngineError`]; what was committed before stays committed.
     pub async fn tick(&mut self) -> Result<(), EngineError> {
-        self.books.set_now_ms(self.surroundings.clock.now_ms());
-        self.report.commands = 0;
-        self.stage = Stage::Requests;
+        self.state.begin_tick(self.surroundings.clock.now_ms());
+        self.commands = 0;
         turn::run(self).await?;
         // What Slurm refused for good is told at once: the next tick may be hours away.
-        if self.ended_elements().is_empty() {
+        if self.state.ended_elements().is_empty() {
             return Ok(());
         }
-        self.stage = Stage::Jobs;
+        self.state.begin_examination();
         turn::run(self).await
     }
 
@@ -225,35 +151,29 @@ impl<S: Scheduler> Cluster<S> {
     ///
     /// - `refused`: refusal of a worker other than the run's, raised if a computation is needed
     pub async fn begin(&mut self, refused: Option<EngineError>) -> Result<(), EngineError> {
-        for i in 0..self.books.patients().len() {
-            self.books.await_present_task(i);
+        let State { books, decider, .. } = &mut self.state;
+        for i in 0..books.patients().len() {
+            books.await_present_task(i);
         }
-        let settled = self.decider.over();
+        let settled = decider.over();
         let program = self.writer.meta().await?.remove(DECIDED_BY);
-        self.decider
-            .decide_all(&mut self.books, program.as_ref(), is_settled)?;
-        self.complete_decisions().await?;
-        worker_identity::need(refused, &self.books)?;
+        decider.decide_all(books, program.as_ref(), is_settled)?;
+        loop {
+            let asked = decider.questions();
+            if asked.is_empty() {
+                break;
+            }
+            books.recall(&mut self.writer, &asked.tasks).await?;
+            decider.answer(books, FilesSeen::look(asked.files))?;
+        }
+        worker_identity::need(refused, books)?;
         let started = super::EngineEvent::Started {
-            patients: self.decider.of(),
+            patients: decider.of(),
             settled,
             adopted: 0,
         };
-        self.decider.tell_first(started);
+        decider.tell_first(started);
         Ok(())
-    }
-
-    /// Answers the questions of decisions until they are complete.
-    async fn complete_decisions(&mut self) -> Result<(), EngineError> {
-        loop {
-            let asked = self.decider.questions();
-            if asked.is_empty() {
-                return Ok(());
-            }
-            self.books.recall(&mut self.writer, &asked.tasks).await?;
-            let seen = FilesSeen::look(asked.files);
-            self.decider.answer(&mut self.books, seen)?;
-        }
     }
 
     /// Ticks until every patient is over or `stop` is raised. The pause between two ticks doubles
@@ -262,27 +182,17 @@ impl<S: Scheduler> Cluster<S> {
     /// # Errors
     /// As [`Cluster::tick`].
     pub async fn watch(&mut self, stop: &StopSignal) -> Result<(), EngineError> {
-        let shortest = Duration::from_secs(self.site.poll.shortest_s);
-        let longest = Duration::from_secs(self.site.poll.longest_s);
+        let shortest = Duration::from_secs(self.state.site.poll.shortest_s);
+        let longest = Duration::from_secs(self.state.site.poll.longest_s);
         let mut pause = shortest;
         loop {
-            let before = (
-                self.decider.published(),
-                self.submitted,
-                self.decider.over(),
-            );
+            let before = self.progress();
             self.tick().await?;
             self.writer.publish_snapshot().await?;
             if self.is_finished() || stop.level() > StopLevel::Run {
                 return Ok(());
             }
-            let changed = before
-                != (
-                    self.decider.published(),
-                    self.submitted,
-                    self.decider.over(),
-                );
-            pause = if changed {
+            pause = if before != self.progress() {
                 shortest
             } else {
                 (pause * 2).min(longest)
@@ -294,20 +204,31 @@ impl<S: Scheduler> Cluster<S> {
         }
     }
 
+    /// Numbers of published tasks, submitted elements and patients that are over.
+    fn progress(&self) -> (u64, u64, usize) {
+        let state = &self.state;
+        (
+            state.decider.published(),
+            state.submitted,
+            state.decider.over(),
+        )
+    }
+
     /// Ticks until every job that was asked to end has ended, and no element outlives its driver.
     /// Returns whether nothing is left; `false` after a stop.
     ///
     /// # Errors
     /// As [`Cluster::tick`].
     pub async fn end_jobs(&mut self, stop: &StopSignal) -> Result<bool, EngineError> {
-        self.ends_all = true;
+        self.state.ends_all = true;
         loop {
             self.tick().await?;
-            let rows = self.books.jobs().rows().values();
+            let rows = self.state.books.jobs().rows().values();
             let ending = rows
                 .flat_map(|row| &row.state.elements)
                 .any(|e| *e == Element::Stopping);
-            let is_over = !ending && self.books.outbox().is_empty() && !self.has_lingering();
+            let is_over =
+                !ending && self.state.books.outbox().is_empty() && !self.state.has_lingering();
             if is_over || stop.level() > StopLevel::Run {
                 return Ok(is_over);
             }
@@ -320,13 +241,12 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Whether nothing is left to do: every selected patient is over, and no job is live.
     fn is_finished(&self) -> bool {
-        let patients = self.books.patients().iter().enumerate();
-        patients
-            .filter(|(_, p)| p.selected)
-            .all(|(i, p)| p.row.state.is_final() || self.books.waits_in_vain(i).unwrap_or(false))
-            && self.books.jobs().rows().is_empty()
-            && self.books.outbox().is_empty()
-            && !self.has_lingering()
+        let patients = self.state.books.patients().iter().enumerate();
+        patients.filter(|(_, p)| p.selected).all(|(i, p)| {
+            p.row.state.is_final() || self.state.books.waits_in_vain(i).unwrap_or(false)
+        }) && self.state.books.jobs().rows().is_empty()
+            && self.state.books.outbox().is_empty()
+            && !self.state.has_lingering()
     }
 
     /// Passes a crash point.
@@ -342,30 +262,6 @@ impl<S: Scheduler> Cluster<S> {
         Ok(output)
     }
 
-    fn take_requests(&mut self, pending: Vec<Pending>) -> Result<(), EngineError> {
-        let (told, applied) = requests::apply(&mut self.books, &mut self.decider, pending)?;
-        told.into_iter().for_each(|event| self.decider.tell(event));
-        self.applied_requests = applied;
-        Ok(())
-    }
-
-    fn remove_applied_requests(&mut self) -> Result<(), EngineError> {
-        requests::remove(&std::mem::take(&mut self.applied_requests))?;
-        self.pass("after requests were removed")
-    }
-
-    /// Takes up the end of an attempt that was stopped.
-    fn take_stopped(&mut self, (action, attempt, published): Stopped) -> Result<(), EngineError> {
-        self.books.action_done(action);
-        if !self.books.attempts().contains_key(&attempt) {
-            return Ok(());
-        }
-        match published {
-            Some(evidence) => self.take_up(&attempt, evidence),
-            None => self.interrupt(&attempt, "ended by the coordinator"),
-        }
-    }
-
     /// Closes the database.
     ///
     /// # Errors
@@ -378,23 +274,24 @@ impl<S: Scheduler> Cluster<S> {
     #[must_use]
     pub fn summary(&self, began: Instant, stopped: bool) -> RunSummary {
         let mut summary = RunSummary {
-            submitted: self.submitted,
-            published: self.decider.published(),
+            submitted: self.state.submitted,
+            published: self.state.decider.published(),
             stopped,
             cluster: true,
             wall_s: began.elapsed().as_secs_f64(),
-            held: self.books.held(),
+            held: self.state.books.held(),
             jobs: self
+                .state
                 .books
                 .jobs()
                 .rows()
                 .values()
                 .map(|row| row.spec.elements.len())
                 .sum::<usize>()
-                + self.report.lingering.len(),
+                + self.state.report.lingering.len(),
             ..RunSummary::default()
         };
-        summary.count(self.books.selected_states());
+        summary.count(self.state.books.selected_states());
         summary
     }
 }
@@ -410,67 +307,38 @@ fn is_settled(books: &Books, i: usize) -> bool {
 }
 
 impl<S: Scheduler> Engine for Cluster<S> {
-    type Seen = Seen;
+    type Seen = Observation;
+    type Question = Question;
 
-    async fn observe(&mut self) -> Result<Seen, EngineError> {
-        if self.stage == Stage::Requests {
-            let pending = requests::pending(self.books.run_dir())?;
-            if !pending.is_empty() {
-                return Ok(Seen::Requests(pending));
-            }
-            self.stage = Stage::Jobs;
+    async fn observe(&mut self) -> Result<Observation, EngineError> {
+        if self.state.phase == Phase::Requests {
+            let pending = requests::pending(self.state.books.run_dir())?;
+            return Ok(Observation::Requests(pending));
         }
-        if self.stage == Stage::Jobs {
-            for i in 0..self.books.patients().len() {
-                self.follow(i).await?;
-            }
-            self.look_at_jobs().await?;
-            let ended = self.ended_elements();
-            if !ended.is_empty() {
-                return Ok(Seen::Ended(ended));
-            }
-            self.stage = Stage::Patients;
-        }
-        if self.stage == Stage::Patients {
-            let settlements = self.settlements().await?;
-            self.ask_for_limits(!settlements.is_empty()).await?;
-            self.learn_mesh_sizes(!settlements.is_empty())?;
-            return Ok(Seen::Settlements(settlements));
-        }
-        Ok(Seen::Stopped(std::mem::take(&mut self.stopped)))
+        Ok(Observation::Results(std::mem::take(&mut self.results)))
     }
 
-    fn decide(&mut self, seen: Seen) -> Result<Asked, EngineError> {
-        match seen {
-            Seen::Requests(pending) => self.take_requests(pending)?,
-            Seen::Ended(ended) => self.to_revoke = ended,
-            Seen::Settlements(settlements) => self.settle_all(settlements)?,
-            Seen::Stopped(stopped) => stopped
-                .into_iter()
-                .try_for_each(|stopped| self.take_stopped(stopped))?,
-            Seen::Files(seen) => self.decider.answer(&mut self.books, seen)?,
-        }
-        let asked = self.decider.questions();
-        if asked.is_empty() && self.stage == Stage::Patients {
-            self.cancel_unwanted()?;
-            self.place()?;
-        }
-        Ok(asked)
+    fn decide(&mut self, seen: Observation) -> Result<Option<Question>, EngineError> {
+        self.state.decide(seen)
     }
 
-    async fn look(&mut self, asked: Asked) -> Result<Seen, EngineError> {
-        self.books.recall(&mut self.writer, &asked.tasks).await?;
-        Ok(FilesSeen::look(asked.files).into())
+    async fn look(&mut self, question: Question) -> Result<Observation, EngineError> {
+        self.answer(question).await
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {
-        let mut batch = self.books.flush();
-        let report = serde_json::to_string(&self.report).expect("a report is JSON");
-        batch.put_meta(REPORT, &report);
-        self.pass("before a commit")?;
-        self.writer.commit(&mut batch).await?;
-        self.pass("after a commit")?;
-        for event in self.decider.take_events() {
+        self.state.report.commands = self.commands;
+        let mut batch = self.state.books.flush();
+        let report = serde_json::to_string(&self.state.report).expect("a report is JSON");
+        // A turn that changed nothing costs no write on a file system that many share.
+        if !batch.is_empty() || report != self.committed_report {
+            batch.put_meta(REPORT, &report);
+            self.pass("before a commit")?;
+            self.writer.commit(&mut batch).await?;
+            self.pass("after a commit")?;
+            self.committed_report = report;
+        }
+        for event in self.state.decider.take_events() {
             // There may be no receiver.
             let _ = self.events.send(event);
         }
@@ -478,30 +346,14 @@ impl<S: Scheduler> Engine for Cluster<S> {
     }
 
     async fn act(&mut self) -> Result<(), EngineError> {
-        self.stage = match self.stage {
-            Stage::Requests => {
-                self.remove_applied_requests()?;
-                Stage::Jobs
-            }
-            Stage::Jobs => {
-                self.revoke_ended().await?;
-                Stage::Patients
-            }
-            Stage::Patients => {
-                self.work_off_outbox().await?;
-                self.cancel_lingering().await?;
-                if self.stopped.is_empty() {
-                    Stage::Over
-                } else {
-                    Stage::Effects
-                }
-            }
-            Stage::Effects | Stage::Over => Stage::Over,
-        };
+        for effect in self.state.effects() {
+            let result = self.execute(effect).await?;
+            self.results.extend(result);
+        }
         Ok(())
     }
 
     fn is_over(&self) -> bool {
-        self.stage == Stage::Over
+        self.state.phase == Phase::Over
     }
 }

@@ -1,21 +1,17 @@
-//! Places waiting patients into jobs, packed for the site and within its limits.
+//! Packs waiting patients into jobs for the site and within its limits.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 use cardiotwin_schemas::allocation::Steps;
-use cardiotwin_schemas::ids::TaskKey;
 use cardiotwin_schemas::settings::ExecutorSettings;
-use cardiotwin_slurm::access::Scheduler;
 use cardiotwin_slurm::answers::queue::QueueRow;
 use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
 use cardiotwin_slurm::site::{Queue, Site, Unit};
 use cardiotwin_slurm::state::Bearing;
 use cardiotwin_store::cluster_jobs::{Allotment, JobSpec, Placed};
-use cardiotwin_workflow::patient::Patient;
-use cardiotwin_workflow::task::Task;
 
+use super::expect::Expectations;
 use super::share::Share;
-use super::{Cluster, Expectations};
 use crate::EngineError;
 use crate::books::Books;
 
@@ -34,111 +30,11 @@ pub struct PlannedJob {
 
 /// Key of a group of patients whose jobs get the same resources.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-struct Like {
+struct JobGroupKey {
     share: Share,
     memory_mib: Option<u64>,
     lanes: Option<u32>,
     exclude: Vec<String>,
-}
-
-impl<S: Scheduler> Cluster<S> {
-    /// Packs waiting patients into jobs and puts these with their names into the next commit.
-    pub(super) fn place(&mut self) -> Result<(), EngineError> {
-        self.books.jobs_mut().set_holds(None);
-        let waiting = waiting(&self.books);
-        self.report.node_hours_left = 0.0;
-        self.report.finish_after_s = None;
-        if waiting.is_empty() {
-            self.hold(None);
-            return Ok(());
-        }
-        let Some(queue) = &self.queue else {
-            // Limits apply to all jobs of the user, so without an answer the free room is unknown.
-            let why = self.report.no_answer.clone().unwrap_or_default();
-            self.hold(Some(format!(
-                "no job is submitted until the queue answers: {why}"
-            )));
-            return Ok(());
-        };
-        let (rows, intended) = (queue.rows.clone(), self.intended());
-        // Jobs whose names are committed but which are not yet in the queue take room, too.
-        let in_use = |queue: &Queue| in_use(queue, &rows, intended);
-        let expected = Expectations::of(&self.books, &self.settings, &self.mesh_sizes);
-        let jobs = plan_jobs(
-            &self.books,
-            &waiting,
-            &self.site,
-            &self.settings,
-            &expected,
-            &in_use,
-        )?;
-        self.report.node_hours_left = jobs.iter().map(|job| job.spec.expected_node_hours).sum();
-        self.report.finish_after_s = jobs.iter().map(|job| job.predicted_s).reduce(f64::max);
-        let later: usize = jobs
-            .iter()
-            .filter(|job| !job.now)
-            .map(|job| job.patients.iter().map(Vec::len).sum::<usize>())
-            .sum();
-        for job in jobs.into_iter().filter(|job| job.now) {
-            let name = self.fresh_name();
-            self.books.intend_job(name, job.spec);
-        }
-        self.hold(
-            (later > 0)
-                .then(|| format!("{later} patients wait until jobs have ended: the queue is full")),
-        );
-        Ok(())
-    }
-
-    /// Reads how large the meshes of patients are who may be placed in jobs.
-    ///
-    /// - `frees`: whether jobs ended, whose patients may want a place
-    pub(super) fn learn_mesh_sizes(&mut self, frees: bool) -> Result<(), EngineError> {
-        for (i, patient) in self.books.patients().iter().enumerate() {
-            let may_want = frees && patient.selected && !patient.row.state.is_final();
-            if may_want || wants_place(&self.books, i) {
-                self.mesh_sizes.learn(self.books.plan(i)?);
-            }
-        }
-        Ok(())
-    }
-
-    fn intended(&self) -> u32 {
-        use cardiotwin_workflow::cluster_job::Submission;
-        let rows = self
-            .books
-            .jobs()
-            .rows()
-            .values()
-            .filter(|row| row.state.submission == Submission::Intended);
-        u32::try_from(rows.map(|row| row.spec.elements.len()).sum::<usize>()).unwrap_or(u32::MAX)
-    }
-
-    pub(super) fn hold(&mut self, why: Option<String>) {
-        self.report.holds.clone_from(&why);
-        self.books.jobs_mut().set_holds(why);
-    }
-
-    /// A name that no job has had: cohort, time, process id and a counter.
-    fn fresh_name(&mut self) -> String {
-        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
-        let run = self
-            .books
-            .run_dir()
-            .parent()
-            .and_then(|p| p.file_name())
-            .unwrap_or_default()
-            .to_string_lossy();
-        let cohort: String = run.chars().map(plain).take(24).collect();
-        loop {
-            self.names += 1;
-            let (now_ms, pid, n) = (self.books.now_ms(), std::process::id(), self.names);
-            let name = format!("ct-{cohort}-{now_ms:x}-{pid:x}-{n:x}");
-            if !self.books.jobs().rows().contains_key(&name) {
-                return name;
-            }
-        }
-    }
 }
 
 /// Share of a queue's limits that the user's jobs take, whether they belong to this run or not.
@@ -162,49 +58,6 @@ pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
     used
 }
 
-/// Whether a patient waits for a place in a job.
-pub fn wants_place(books: &Books, i: usize) -> bool {
-    let patient = books.patient(i);
-    let open = |key: &TaskKey| {
-        books
-            .task(key)
-            .is_some_and(|task| matches!(task.state, Task::Open { .. }))
-    };
-    patient.selected
-        // A patient who has to wait for pilots takes no place, not even for step 0: its job would
-        // end after that, and the patient would queue again.
-        && !books.awaits_pilots(i).unwrap_or(false)
-        && !books.jobs().placed().contains_key(&patient.row.id)
-        && present_task(books, i).is_some_and(|key| open(&key))
-}
-
-/// Task that a patient waits for.
-pub fn present_task(books: &Books, i: usize) -> Option<TaskKey> {
-    match &books.patient(i).row.state {
-        Patient::Working { task, .. } => Some(task.clone()),
-        _ => None,
-    }
-}
-
-/// Patients that want a place, one per task: patients that want the same task wait for the same
-/// job.
-pub fn waiting(books: &Books) -> Vec<usize> {
-    let is_placed = |i: &usize| {
-        books
-            .jobs()
-            .placed()
-            .contains_key(&books.patient(*i).row.id)
-    };
-    let placed = (0..books.patients().len()).filter(is_placed);
-    let mut tasks: HashSet<TaskKey> = placed.filter_map(|i| present_task(books, i)).collect();
-    let mut waiting: Vec<usize> = (0..books.patients().len())
-        .filter(|i| wants_place(books, *i))
-        .collect();
-    waiting.sort_by_key(|i| books.patient(*i).row.position);
-    waiting.retain(|i| present_task(books, *i).is_some_and(|key| tasks.insert(key)));
-    waiting
-}
-
 /// Packs patients into jobs.
 ///
 /// # Errors
@@ -217,7 +70,7 @@ pub fn plan_jobs(
     expected: &Expectations,
     in_use: &dyn Fn(&Queue) -> InUse,
 ) -> Result<Vec<PlannedJob>, EngineError> {
-    let mut groups: BTreeMap<Like, Vec<usize>> = BTreeMap::new();
+    let mut groups: BTreeMap<JobGroupKey, Vec<usize>> = BTreeMap::new();
     for &i in patients {
         let plan = books.plan(i)?;
         let Allotment {
@@ -228,7 +81,7 @@ pub fn plan_jobs(
             ..
         } = books.jobs().allotment(books.patient(i).row.id);
         let mesh_nodes = expected.mesh_nodes(plan);
-        let like = Like {
+        let like = JobGroupKey {
             share: Share::of(plan, mesh_nodes, site, settings, ranks_per_node),
             memory_mib,
             lanes,
@@ -280,7 +133,7 @@ struct Group<'a> {
     queue: &'a Queue,
     settings: &'a ExecutorSettings,
     expected: &'a Expectations,
-    like: &'a Like,
+    like: &'a JobGroupKey,
     used: InUse,
 }
 

@@ -4,13 +4,14 @@
 use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_schemas::settings::SlurmSettings;
 use cardiotwin_slurm::access::Scheduler;
-use cardiotwin_slurm::answers::{Exit, Output, config, qos};
+use cardiotwin_slurm::answers::config::{self, SiteConfig};
+use cardiotwin_slurm::answers::qos::{self, QosRow};
+use cardiotwin_slurm::answers::{Exit, Output};
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::site::{Scheduler as Kind, Site};
 use cardiotwin_store::Writer;
 
 use super::Cluster;
-use super::place::waiting;
 use crate::EngineError;
 
 const SHIPPED: [(&str, &str); 3] = [
@@ -93,50 +94,33 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
     Ok(site)
 }
 
-impl<S: Scheduler> Cluster<S> {
-    /// Asks for the site's limits where patients are about to be placed in jobs.
-    ///
-    /// - `has_ends`: whether jobs ended, whose patients may wait for another one
-    pub(super) async fn ask_for_limits(&mut self, has_ends: bool) -> Result<(), EngineError> {
-        if has_ends || !waiting(&self.books).is_empty() {
-            self.discover().await?;
+/// The site's configuration and limits. The site is asked once a day, since these hardly change; in
+/// between, its last answers are read from the store.
+pub(super) async fn limits<S: Scheduler>(
+    cluster: &mut Cluster<S>,
+) -> Result<(Option<SiteConfig>, Vec<QosRow>), EngineError> {
+    let now_ms = cluster.state.books.now_ms();
+    let meta = cluster.writer.meta().await?;
+    let value = |key: &str| meta.get(key).cloned().unwrap_or_default();
+    let told_ms: i64 = value(TOLD[0]).parse().unwrap_or(0);
+    let stored = |key: &str| Output {
+        exit: Exit::Code(0),
+        stdout: value(key),
+        stderr: String::new(),
+    };
+    let (config, qos) = if now_ms - told_ms < TOLD_FOR_MS {
+        (stored(TOLD[1]), stored(TOLD[2]))
+    } else {
+        let config = cluster.run_command(&commands::config()).await?;
+        let qos = cluster.run_command(&commands::qos()).await?;
+        // If the site did not answer, it is asked again at the next tick.
+        if config.exit == Exit::Code(0) {
+            remember(&mut cluster.writer, now_ms, &config.stdout, &qos.stdout).await?;
         }
-        Ok(())
-    }
-
-    /// Refines the profile by the limits that the site reports. The site is asked once a day, since
-    /// these hardly change.
-    async fn discover(&mut self) -> Result<(), EngineError> {
-        let meta = self.writer.meta().await?;
-        let value = |key: &str| meta.get(key).cloned().unwrap_or_default();
-        let told_ms: i64 = value(TOLD[0]).parse().unwrap_or(0);
-        let said = |stdout: String| Output {
-            exit: Exit::Code(0),
-            stdout,
-            stderr: String::new(),
-        };
-        let (config, qos) = if self.books.now_ms() - told_ms < TOLD_FOR_MS {
-            (said(value(TOLD[1])), said(value(TOLD[2])))
-        } else {
-            let config = self.run_command(&commands::config()).await?;
-            let qos = self.run_command(&commands::qos()).await?;
-            // If the site did not answer, it is asked again at the next tick.
-            if config.exit == Exit::Code(0) {
-                remember(
-                    &mut self.writer,
-                    self.books.now_ms(),
-                    &config.stdout,
-                    &qos.stdout,
-                )
-                .await?;
-            }
-            (config, qos)
-        };
-        let config = config::read(&config).ok();
-        let rows = qos::read(&qos).map(|table| table.rows).unwrap_or_default();
-        self.site.discover(config.as_ref(), &rows);
-        Ok(())
-    }
+        (config, qos)
+    };
+    let rows = qos::read(&qos).map(|table| table.rows).unwrap_or_default();
+    Ok((config::read(&config).ok(), rows))
 }
 
 /// Refines a profile by the limits that the site reports now. Returns what this changed.

@@ -12,7 +12,7 @@ use cardiotwin_schemas::formats;
 use cardiotwin_schemas::hash::sha256_of_file;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::{Revocation, TaskOutcome};
-use cardiotwin_slurm::failure;
+use cardiotwin_slurm::judgement;
 use cardiotwin_store::clock;
 
 use super::{DispatchError, Evidence};
@@ -152,12 +152,15 @@ pub fn last_words(directory: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes).ok()?;
     let text = String::from_utf8_lossy(&bytes);
-    if failure::tells_foreign_launcher(&text) {
+    if judgement::names_foreign_launcher(&text) {
         return Some(FOREIGN_LAUNCHER.to_owned());
     }
     let mut lines = text.lines().rev().map(str::trim);
     let short = |line: &str| -> String { line.chars().take(300).collect() };
-    if let Some(line) = lines.clone().find(|line| failure::told_by(line).is_some()) {
+    if let Some(line) = lines
+        .clone()
+        .find(|line| judgement::cause_in_log(line).is_some())
+    {
         return Some(format!("its log says: {}", short(line)));
     }
     let last = lines.find(|line| !line.is_empty())?;

@@ -10,6 +10,7 @@ mod decide;
 mod ledger;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -27,7 +28,6 @@ use cardiotwin_store::clock::utc_text;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::books::attempt_directory;
-use super::files_seen::{Asked, FilesSeen};
 use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
 use super::watch::Watch;
@@ -240,15 +240,6 @@ enum Met {
     Revoked(AttemptId, Option<Evidence>),
 }
 
-/// Observation inside a job; none is the answer to a question that no driver asks.
-struct Seen(Option<Sight>);
-
-impl From<FilesSeen> for Seen {
-    fn from(_: FilesSeen) -> Self {
-        Self(None)
-    }
-}
-
 /// Observations of workers, directories and signals.
 struct Sight {
     now_ms: i64,
@@ -276,9 +267,11 @@ struct Existing {
 }
 
 impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
-    type Seen = Seen;
+    type Seen = Sight;
+    /// A driver asks nothing: a worker that misses a file says so.
+    type Question = Infallible;
 
-    async fn observe(&mut self) -> Result<Seen, EngineError> {
+    async fn observe(&mut self) -> Result<Sight, EngineError> {
         let goes_on = self.running.is_empty() || self.has_run_errands;
         let patience = if goes_on { Duration::ZERO } else { TICK };
         let news = tokio::select! {
@@ -309,15 +302,16 @@ impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
                 Met::Revoked(attempt, evidence) => seen.revoked.push((attempt, evidence)),
             }
         }
-        Ok(Seen(Some(seen)))
+        Ok(seen)
     }
 
-    fn decide(&mut self, Seen(seen): Seen) -> Result<Asked, EngineError> {
-        // A driver asks for no files: a worker that misses one says so.
-        if let Some(seen) = seen {
-            self.take_up(seen);
-        }
-        Ok(Asked::default())
+    fn decide(&mut self, seen: Sight) -> Result<Option<Infallible>, EngineError> {
+        self.take_up(seen);
+        Ok(None)
+    }
+
+    async fn look(&mut self, question: Infallible) -> Result<Sight, EngineError> {
+        match question {}
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {

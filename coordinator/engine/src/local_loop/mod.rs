@@ -71,12 +71,6 @@ pub enum Seen {
     Files(FilesSeen),
 }
 
-impl From<FilesSeen> for Seen {
-    fn from(seen: FilesSeen) -> Self {
-        Self::Files(seen)
-    }
-}
-
 /// What was seen of workers, requests and signals.
 pub struct Sight {
     at: Instant,
@@ -171,6 +165,7 @@ impl<E: Executor> LocalLoop<E> {
 
 impl<E: Executor> Engine for LocalLoop<E> {
     type Seen = Seen;
+    type Question = Asked;
 
     async fn observe(&mut self) -> Result<Seen, EngineError> {
         let sight = if self.is_beginning {
@@ -181,21 +176,22 @@ impl<E: Executor> Engine for LocalLoop<E> {
         Ok(Seen::News(Box::new(sight)))
     }
 
-    fn decide(&mut self, seen: Seen) -> Result<Asked, EngineError> {
+    fn decide(&mut self, seen: Seen) -> Result<Option<Asked>, EngineError> {
         match seen {
             Seen::News(sight) => self.take_up(*sight)?,
             Seen::Files(seen) => self.decider.answer(&mut self.books, seen)?,
         }
         let asked = self.decider.questions();
-        if asked.is_empty() {
-            self.conclude()?;
+        if !asked.is_empty() {
+            return Ok(Some(asked));
         }
-        Ok(asked)
+        self.conclude()?;
+        Ok(None)
     }
 
     async fn look(&mut self, asked: Asked) -> Result<Seen, EngineError> {
         self.books.recall(&mut self.writer, &asked.tasks).await?;
-        Ok(FilesSeen::look(asked.files).into())
+        Ok(Seen::Files(FilesSeen::look(asked.files)))
     }
 
     async fn commit(&mut self) -> Result<(), EngineError> {

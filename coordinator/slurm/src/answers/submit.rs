@@ -29,6 +29,14 @@ pub enum Submission {
     },
 }
 
+impl Submission {
+    /// Whether the same job may be submitted again under its name: it was refused for now.
+    #[must_use]
+    pub fn may_be_repeated(&self) -> bool {
+        matches!(self, Self::Refused(refusal) if refusal.may_pass())
+    }
+}
+
 /// A refusal in Slurm's words, with its consequence for the next attempt.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
@@ -39,6 +47,12 @@ pub struct Refusal {
 }
 
 impl Refusal {
+    /// Whether the same job may be accepted later without a person's help.
+    #[must_use]
+    pub fn may_pass(&self) -> bool {
+        !matches!(self.kind, RefusalKind::Impossible | RefusalKind::Person)
+    }
+
     /// What a person does about it, where the message names the fault.
     #[must_use]
     pub fn remedy(&self) -> Option<&'static str> {

@@ -6,31 +6,6 @@ use cardiotwin_store::cluster_jobs::{ClusterReport, REPORT};
 
 use super::lab::Lab;
 use super::noops;
-use crate::cluster::breaker::pause_ms;
-
-#[test]
-fn pauses_double_from_the_third_silence_on_up_to_an_hour() {
-    let pauses: Vec<Option<i64>> = (1..=9).map(|silent| pause_ms(silent, 120)).collect();
-    let s = |seconds: i64| Some(seconds * 1000);
-    assert_eq!(
-        pauses,
-        [
-            None,
-            None,
-            s(120),
-            s(240),
-            s(480),
-            s(960),
-            s(1920),
-            s(3600),
-            s(3600)
-        ]
-    );
-    assert_eq!(
-        (pause_ms(u32::MAX, 1), pause_ms(7, u64::MAX), pause_ms(7, 0)),
-        (s(3600), s(3600), s(0))
-    );
-}
 
 /// After three queries without an answer Slurm is left alone; after the pause it is asked again.
 #[tokio::test]

@@ -36,6 +36,10 @@ pub struct Modelled {
     /// Faults of the next commands, by program. Each is used once, in order.
     pub faults: Arc<Mutex<Vec<(&'static str, Fault)>>>,
     pub asked: Arc<Mutex<Vec<&'static str>>>,
+    /// Answers of squeue and sacct in place of the model's.
+    pub replay: Arc<Mutex<Option<(Output, Output)>>>,
+    /// Answer of the next sbatch in place of the model's.
+    pub submission: Arc<Mutex<Option<Output>>>,
 }
 
 impl Scheduler for Modelled {
@@ -47,6 +51,18 @@ impl Scheduler for Modelled {
                 stdout: String::new(),
                 stderr: String::new(),
             };
+        }
+        if let Some((queue, accounting)) = self.replay.lock().unwrap().clone() {
+            match command.program {
+                "squeue" => return queue,
+                "sacct" => return accounting,
+                _ => {}
+            }
+        }
+        if command.program == "sbatch"
+            && let Some(answer) = self.submission.lock().unwrap().take()
+        {
+            return answer;
         }
         let mut faults = self.faults.lock().unwrap();
         let next = faults
@@ -177,6 +193,8 @@ impl Lab {
             model: Arc::new(Mutex::new(Model::new(settings))),
             faults: Arc::default(),
             asked: Arc::default(),
+            replay: Arc::default(),
+            submission: Arc::default(),
         };
         let site = site.to_string_lossy().into_owned();
         let settings = SlurmSettings {

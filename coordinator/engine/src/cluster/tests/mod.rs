@@ -8,6 +8,7 @@ mod crashes;
 mod faults;
 mod lab;
 mod pilots;
+mod recorded;
 mod revoked;
 
 use std::collections::BTreeMap;

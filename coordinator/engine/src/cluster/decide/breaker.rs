@@ -1,10 +1,9 @@
 //! Circuit breaker for Slurm: after several commands without an answer, no command is sent for a
 //! while. More queries do not help a controller in trouble, and each of them may hang for a minute.
 
-use cardiotwin_slurm::access::Scheduler;
 use cardiotwin_store::clock;
 
-use super::Cluster;
+use super::State;
 
 /// Number of consecutive commands without an answer after which Slurm is left alone.
 const PATIENCE: u32 = 3;
@@ -13,7 +12,7 @@ const LONGEST_MS: i64 = 3_600_000;
 
 /// Length of the pause after `silent` consecutive commands without an answer, ms; `None` if no
 /// pause is due yet.
-pub(super) fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
+fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
     let further = silent.checked_sub(PATIENCE)?;
     let grace_ms = i64::try_from(grace_s)
         .unwrap_or(LONGEST_MS)
@@ -25,7 +24,7 @@ pub(super) fn pause_ms(silent: u32, grace_s: u64) -> Option<i64> {
     )
 }
 
-impl<S: Scheduler> Cluster<S> {
+impl State {
     /// Whether a pause is in effect.
     pub(super) fn leaves_slurm_alone(&self) -> bool {
         self.books.now_ms() < self.report.asks_again_ms
@@ -33,7 +32,7 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Records whether a command was answered. After [`PATIENCE`] consecutive commands without an
     /// answer, Slurm is left alone for the grace time, which doubles with each further one.
-    pub(super) fn answered(&mut self, unanswered: Option<&str>) {
+    pub(super) fn count_silence(&mut self, unanswered: Option<&str>) {
         let Some(why) = unanswered else {
             (self.report.silent, self.report.asks_again_ms) = (0, 0);
             return;
@@ -49,5 +48,34 @@ impl<S: Scheduler> Cluster<S> {
                 "no commands until {until}, after {n} commands without an answer: {why}"
             ));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::pause_ms;
+
+    #[test]
+    fn pauses_double_from_the_third_silence_on_up_to_an_hour() {
+        let pauses: Vec<Option<i64>> = (1..=9).map(|silent| pause_ms(silent, 120)).collect();
+        let s = |seconds: i64| Some(seconds * 1000);
+        assert_eq!(
+            pauses,
+            [
+                None,
+                None,
+                s(120),
+                s(240),
+                s(480),
+                s(960),
+                s(1920),
+                s(3600),
+                s(3600)
+            ]
+        );
+        assert_eq!(
+            (pause_ms(u32::MAX, 1), pause_ms(7, u64::MAX), pause_ms(7, 0)),
+            (s(3600), s(3600), s(0))
+        );
     }
 }

@@ -4,21 +4,15 @@
 //! Such an element holds its nodes, and in an array with a throttle it keeps others from starting. It
 //! is said and cancelled after the grace time.
 
-use cardiotwin_slurm::access::Scheduler;
-use cardiotwin_slurm::answers::Table;
-use cardiotwin_slurm::answers::queue::QueueRow;
-use cardiotwin_slurm::commands;
-use cardiotwin_slurm::job::JobId;
-use cardiotwin_slurm::job_status::{self, JobStatus, Wanted};
+use cardiotwin_slurm::job_status::{JobStatus, Wanted};
 use cardiotwin_slurm::state::SlurmState;
 use cardiotwin_store::cluster_jobs::Lingering;
 
-use super::Cluster;
-use crate::EngineError;
+use super::State;
 
-impl<S: Scheduler> Cluster<S> {
+impl State {
     /// Notes that an element ended by its drivers' word.
-    pub(super) fn ended_by_its_word(&mut self, name: &str, element: usize) {
+    pub(super) fn note_lingering(&mut self, name: &str, element: usize) {
         let element = self.wanted(name, element).element;
         self.report.lingering.push(Lingering {
             name: name.to_owned(),
@@ -31,18 +25,14 @@ impl<S: Scheduler> Cluster<S> {
 
     /// Looks for lingering elements in the queue's answer: forgets those that are gone, and marks
     /// those for cancellation that stay for longer than the grace time.
-    pub(super) fn look_for_lingering<'a>(
-        &mut self,
-        listed: impl Fn(&str, Option<u32>) -> Option<&'a Table<QueueRow>>,
-    ) {
+    pub(super) fn take_lingering(&mut self) {
         let now_ms = self.books.now_ms();
         let grace_ms = if self.ends_all { -1 } else { self.grace_ms() };
         let mut to_cancel = Vec::new();
         self.report.lingering.retain_mut(|one| {
             let (name, element) = (one.name.as_str(), one.element);
             let wanted = Wanted { name, element };
-            let status = job_status::of(wanted, listed(name, element), None);
-            let JobStatus::Alive(alive) = status else {
+            let JobStatus::Alive(alive) = self.inquiry.status_by_queue(wanted) else {
                 return false;
             };
             if alive.state != SlurmState::Running {
@@ -58,19 +48,8 @@ impl<S: Scheduler> Cluster<S> {
         self.lingering = to_cancel;
     }
 
-    /// Cancels the elements that were marked.
-    pub(super) async fn cancel_lingering(&mut self) -> Result<(), EngineError> {
-        let jobs: Vec<JobId> = std::mem::take(&mut self.lingering);
-        if !jobs.is_empty() {
-            self.report.commands += 1;
-            // An element that stays is looked at and cancelled again at the next tick.
-            self.run_command(&commands::cancel(&jobs)).await?;
-        }
-        Ok(())
-    }
-
     /// Whether an element may still live whose drivers have ended.
-    pub(super) fn has_lingering(&self) -> bool {
+    pub fn has_lingering(&self) -> bool {
         !self.report.lingering.is_empty()
     }
 }
