@@ -18,7 +18,6 @@ mod examine;
 mod expect;
 mod follow;
 mod linger;
-mod mesh_size;
 mod observe;
 mod place;
 mod preview;
@@ -59,11 +58,11 @@ use super::{
 use crate::dispatch::Evidence;
 pub use cardiotwin_store::cluster_jobs::{ClusterReport, REPORT};
 
+use crate::mesh_size::MeshSizes;
 use cardiotwin_workflow::cluster_job::Element;
 pub use disk_need::DiskNeed;
 pub use examine::{QueueReport, SiteReport, examine_site};
 use expect::Expectations;
-use mesh_size::MeshSizes;
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
 pub use share::{NoQueue, without_queue};

@@ -15,12 +15,12 @@ use serde::Serialize;
 
 use super::disk_need::DiskNeed;
 use super::expect::Expectations;
-use super::mesh_size::MeshSizes;
 use super::place::{PlannedJob, in_use, plan_jobs, waiting};
 use super::profile::{discover_now, load_site};
 use super::submit::script_of;
 use crate::books::Books;
 use crate::foresee::decide_unwritten;
+use crate::mesh_size::MeshSizes;
 use crate::{EngineError, RunOptions};
 
 /// Jobs and costs that a tick would cause.
