@@ -7,6 +7,7 @@ use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_slurm::plan::ranks_for;
 
 use super::books::TaskEntry;
+use super::mesh_size;
 
 /// Number of nodes of a mesh from which step 0 and a beat in 3D are shared among all cores. On
 /// smaller meshes threads wait for each other more than they save, and other patients make better
@@ -110,10 +111,9 @@ fn is_large(task: &TaskSpec) -> bool {
         TaskSpec::OrganBeat(beat) => beat,
         TaskSpec::PassiveState(spec) => {
             return spec.finite_element.as_ref().is_some_and(|anatomy| {
-                let nodes = u64::from(anatomy.mesh_nodes);
-                nodes >= LARGE_MESH_NODES
-                    && spec.own_mesh.is_none()
-                    && anatomy.element == ElementKind::LinearNodal
+                let requested = anatomy.mesh_nodes;
+                anatomy.element == ElementKind::LinearNodal
+                    && u64::from(mesh_size::of_step0(spec).unwrap_or(requested)) >= LARGE_MESH_NODES
             });
         }
         _ => return false,
@@ -132,7 +132,49 @@ fn is_large(task: &TaskSpec) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::dividing;
+    use cardiotwin_schemas::finite_element::{MeshFibres, OwnMesh};
+    use cardiotwin_schemas::plan::ResolvedPatient;
+    use cardiotwin_schemas::task::InputFile;
+
+    use super::*;
+
+    /// Step 0 on the patient's own mesh, whose file states `nodes` nodes; 1000 are requested.
+    fn step0_on_own_mesh(folder: &std::path::Path, nodes: u64, element: ElementKind) -> TaskSpec {
+        let path = folder.join("heart.pts");
+        std::fs::write(&path, format!("{nodes}\n0 0 0\n")).unwrap();
+        let settings = FiniteElementSettings {
+            element,
+            ..FiniteElementSettings::default()
+        };
+        let mut spec = ResolvedPatient::noop("P1", 0).step0;
+        spec.finite_element = Some(settings.anatomy(&[]));
+        spec.own_mesh = Some(OwnMesh {
+            files: vec![InputFile {
+                name: "mesh".to_owned(),
+                path,
+                sha256: String::new(),
+            }],
+            unit: "um".to_owned(),
+            left_ventricle: vec![1],
+            fibres: MeshFibres::Auto,
+            activation_times: None,
+            activation_sites_mm: vec![],
+            right_ventricle: None,
+        });
+        TaskSpec::PassiveState(Box::new(spec))
+    }
+
+    #[test]
+    fn step_0_of_a_large_mesh_of_ones_own_takes_all_cores() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |nodes, element| {
+            let task = step0_on_own_mesh(folder.path(), nodes, element);
+            threads(&ExecutorSettings::default(), &task) as usize
+        };
+        assert_eq!(of(12_831, ElementKind::LinearNodal), cores());
+        assert_eq!(of(7_999, ElementKind::LinearNodal), 1);
+        assert_eq!(of(12_831, ElementKind::LinearPointwise), 1);
+    }
 
     #[test]
     fn ranks_share_the_parts_of_a_mesh_equally() {

@@ -47,6 +47,7 @@ mod housekeeping;
 mod in_job_loop;
 mod local_loop;
 mod locked;
+mod mesh_size;
 mod notices;
 mod overlay;
 mod program_identity;

@@ -251,6 +251,39 @@ fn whoever_watches_a_fit_can_end_it() {
 }
 
 #[test]
+fn a_watcher_sees_every_newton_iteration_and_a_fit_ends_at_its_bound_of_work() {
+    let (mesh, _) = heart();
+    let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
+    let mut seen: Vec<SearchProgress> = vec![];
+    let mut watch = |progress: &SearchProgress| {
+        seen.push(*progress);
+        ControlFlow::Continue(())
+    };
+    let mut settings = UnloadingSettings::default();
+    settings.most_work.newton_iterations = 15;
+    let mut search = Search::watched(settings, &mut watch);
+    let ended = fit(
+        &Piece::whole(&anatomy),
+        &WallParameters::default(),
+        &THREE_POINTS,
+        None,
+        &mut search,
+    );
+    let Err(PassiveStateError::TooMuchWork { work, trials, .. }) = ended else {
+        panic!("{ended:?}");
+    };
+    assert_eq!((work.newton_iterations, trials), (16, 1));
+    assert!(work.krylov_iterations >= 16, "{work:?}");
+    let counts: Vec<usize> = seen.iter().map(|p| p.work.newton_iterations).collect();
+    assert!(
+        counts.windows(2).all(|pair| pair[1] - pair[0] <= 1) && counts.last() == Some(&15),
+        "{counts:?}"
+    );
+    let inside = seen.iter().filter(|p| p.relative_residual.is_some());
+    assert!(inside.count() >= 16, "one before each iteration");
+}
+
+#[test]
 fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
     let (mesh, _) = heart();
     let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");

@@ -456,6 +456,19 @@ fn whoever_watches_step_0_ends_it_on_all_threads_and_errors_are_those_of_one() {
     let mut search = Search::watched(UnloadingSettings::on_ranks(), &mut watch);
     let ended = job.on_threads(&anatomy, &mut search, 3, ThreadSettings::default());
     assert_eq!(ended, Err(PassiveStateError::Stopped));
+    // All ranks count the same work and end together.
+    let mut short = UnloadingSettings::on_ranks();
+    short.most_work.newton_iterations = 3;
+    let ended = job.on_threads(
+        &anatomy,
+        &mut Search::new(short),
+        3,
+        ThreadSettings::default(),
+    );
+    assert!(
+        matches!(ended, Err(PassiveStateError::TooMuchWork { .. })),
+        "{ended:?}"
+    );
     // More than it can bear.
     job.target = PassiveFit::ImageUnloaded {
         end_diastolic_pressure_kpa: 1e3,

@@ -7,6 +7,8 @@ use cardiotwin_mechanics::organ::{AnatomyError, PassiveStateError};
 use cardiotwin_mesh::eikonal::EikonalError;
 use cardiotwin_mesh::ellipsoid::EllipsoidError;
 use cardiotwin_mesh::laplace::LaplaceError;
+use cardiotwin_mesh::quality::mean_ratio;
+use cardiotwin_mesh::tet_mesh::TetMesh;
 use cardiotwin_schemas::failure::FailureClass;
 
 use super::arrays::ArraysError;
@@ -38,6 +40,19 @@ pub enum FiniteElementError {
     /// The stiffness or the unloaded geometry could not be found.
     #[error("cannot determine the passive state of the finite-element ventricle")]
     PassiveState(#[from] PassiveStateError),
+    /// The search for the passive state was given up.
+    #[error(
+        "step 0 found no passive state within its bound of work; the mesh's flattest tetrahedron, at ({:.1}, {:.1}, {:.1}) mm, has a \
+         mean ratio of {mean_ratio:.3} (1 is regular, 0 is flat)", at_mm[0], at_mm[1], at_mm[2]
+    )]
+    TooMuchWork {
+        /// Smallest mean ratio of an element.
+        mean_ratio: f64,
+        /// Centroid of this element.
+        at_mm: [f64; 3],
+        /// Work of the search and its last failure.
+        source: PassiveStateError,
+    },
     /// A file of a ventricle is not usable.
     #[error("cannot use {file}")]
     File {
@@ -107,6 +122,17 @@ fn listed(tags: &[i32]) -> String {
 }
 
 impl FiniteElementError {
+    /// A search on `mesh` that was given up.
+    pub(crate) fn too_much_work(mesh: &TetMesh, source: PassiveStateError) -> Self {
+        let ratio = |e: &usize| mean_ratio(mesh.corners(*e));
+        let flattest = (0..mesh.n_tets()).min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
+        Self::TooMuchWork {
+            mean_ratio: flattest.as_ref().map_or(f64::NAN, ratio),
+            at_mm: flattest.map_or([f64::NAN; 3], |e| mesh.centroid_mm(e)),
+            source,
+        }
+    }
+
     /// Failure class of the error.
     #[must_use]
     pub fn class(&self) -> FailureClass {
@@ -128,7 +154,8 @@ impl FiniteElementError {
             | Self::Activation(_)
             | Self::Potentials(_)
             | Self::Anatomy(_)
-            | Self::PassiveState(_) => FailureClass::Numerics,
+            | Self::PassiveState(_)
+            | Self::TooMuchWork { .. } => FailureClass::Numerics,
             Self::File { .. } => FailureClass::Site,
             Self::Exponents { .. } => FailureClass::Bug,
         }
@@ -156,6 +183,9 @@ impl FiniteElementError {
                 "correct measured.end_diastolic_pressure_mmHg, or the pressure of anatomy.mesh.right_ventricle",
             ),
             Self::PassiveState(_) => Some("use another mesh size, or give passive.guccione_C_kPa"),
+            Self::TooMuchWork { .. } => Some(
+                "remesh a mesh with flat tetrahedra (`cardiotwin mesh remesh`), or correct wall, volumes and pressures, or give passive.guccione_C_kPa",
+            ),
             Self::OwnMesh { .. } => Some(
                 "mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing",
             ),
@@ -189,6 +219,34 @@ mod tests {
         assert_eq!(
             (class(70.0), class(f64::NAN)),
             (FailureClass::Input, FailureClass::Numerics)
+        );
+    }
+
+    #[test]
+    fn a_search_without_end_names_the_flattest_tetrahedron() {
+        let mesh = TetMesh {
+            nodes_mm: vec![
+                [0.0; 3],
+                [4.0, 0.0, 0.0],
+                [0.0, 4.0, 0.0],
+                [0.0, 0.0, 4.0],
+                [0.0, 0.0, -0.04],
+            ],
+            tets: vec![[0, 1, 2, 3], [0, 2, 1, 4]],
+            tags: vec![1, 1],
+            ..TetMesh::default()
+        };
+        let error = FiniteElementError::too_much_work(&mesh, PassiveStateError::Stopped);
+        assert_eq!(error.class(), FailureClass::Numerics);
+        let text = error.to_string();
+        assert!(
+            text.contains("(1.0, 1.0, -0.0) mm") && text.contains("mean ratio of 0.0"),
+            "{text}"
+        );
+        assert!(
+            error
+                .remedy()
+                .is_some_and(|remedy| remedy.contains("mesh remesh"))
         );
     }
 }

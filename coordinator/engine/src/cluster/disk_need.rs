@@ -12,9 +12,9 @@ use cardiotwin_workflow::task::Task;
 use serde::Serialize;
 
 use super::expect::rest;
-use super::mesh_size;
 use crate::EngineError;
 use crate::books::{ATTEMPTS, Books};
+use crate::mesh_size;
 
 /// Number of measured attempts of a kind that suffices for a mean.
 const ENOUGH: usize = 20;

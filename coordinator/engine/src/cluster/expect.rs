@@ -9,8 +9,8 @@ use cardiotwin_workflow::chain::Chain;
 use cardiotwin_workflow::patient::Stage;
 use cardiotwin_workflow::task::Task;
 
-use super::mesh_size::MeshSizes;
 use crate::books::Books;
+use crate::mesh_size::MeshSizes;
 
 /// Number of measured tasks of a kind that suffices.
 pub(super) const ENOUGH: usize = 20;

@@ -18,7 +18,6 @@ mod disk_need;
 mod examine;
 mod expect;
 mod look;
-mod mesh_size;
 mod order;
 mod place;
 mod preview;
@@ -53,6 +52,7 @@ use super::{
 use crate::dispatch;
 pub use cardiotwin_store::cluster_jobs::{ClusterReport, REPORT};
 
+use crate::mesh_size::MeshSizes;
 use cardiotwin_workflow::cluster_job::Element;
 use decide::{EffectResult, Observation, Phase, ProcessIdentity, Question, State};
 pub use disk_need::DiskNeed;

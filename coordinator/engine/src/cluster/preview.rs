@@ -15,13 +15,13 @@ use serde::Serialize;
 
 use super::disk_need::DiskNeed;
 use super::expect::Expectations;
-use super::mesh_size::MeshSizes;
 use super::order::script_of;
 use super::place::{PlannedJob, in_use, plan_jobs};
 use super::profile::{discover_now, load_site};
 use super::waiting::waiting;
 use crate::books::Books;
 use crate::foresee::decide_unwritten;
+use crate::mesh_size::MeshSizes;
 use crate::{EngineError, RunOptions};
 
 /// Jobs and costs that a tick would cause.

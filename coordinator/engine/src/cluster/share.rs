@@ -4,8 +4,8 @@ use cardiotwin_schemas::plan::{ResolvedPatient, Workflow};
 use cardiotwin_schemas::settings::{ExecutorSettings, Fidelity};
 use cardiotwin_slurm::site::{Queue, Site, Use};
 
-use super::mesh_size;
 use crate::cores::{self, ClusterNodes};
+use crate::mesh_size;
 
 /// Share of a cluster that each simulation of a patient takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -29,6 +29,6 @@ pub use passive_state::{PassiveState, PassiveStateError};
 pub use piece::{Piece, parts_of};
 pub use rank::RankFigures;
 pub use right_ventricle::{PressureCourse, RightPressure, RightVentricle};
-pub use search::{Search, SearchProgress, UnloadingSettings, Watch};
+pub use search::{Search, SearchProgress, SearchWork, UnloadingSettings, Watch};
 pub use ventricle::{FiniteElementVentricle, RankParts, VentricleParts, VentricleWork};
 pub use wall::{PassiveTissue, Spring, SprungSurface, WallError, WallParameters};

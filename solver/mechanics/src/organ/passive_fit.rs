@@ -234,7 +234,7 @@ fn fit_law(
         trials += 1;
         match misses(x) {
             Ok(f) => break f,
-            Err(error) if error == PassiveStateError::Stopped => return Err(error),
+            Err(error) if error.ends_the_search() => return Err(error),
             Err(_) if x[0] + 0.7 < FARTHEST[0] => x[0] += 0.7,
             Err(error) => return Err(error),
         }
@@ -256,7 +256,7 @@ fn fit_law(
                     trials += 1;
                     let (step, g) = match misses(probe) {
                         Ok(g) => (PROBE, g),
-                        Err(error) if error == PassiveStateError::Stopped => return Err(error),
+                        Err(error) if error.ends_the_search() => return Err(error),
                         Err(_) => {
                             probe[k] = x[k] - PROBE;
                             trials += 1;
@@ -299,7 +299,7 @@ fn fit_law(
                     shorter *= 0.5;
                 }
             }
-            Err(error) if error == PassiveStateError::Stopped => return Err(error),
+            Err(error) if error.ends_the_search() => return Err(error),
             Err(_) => shorter *= 0.5,
         }
         if shorter < 0.05 {
@@ -336,7 +336,7 @@ fn fit_stiffness(
         fitted.muscle = wall.muscle.with_stiffness(ln_c.exp());
         let volume = match (volume_mm3(&fitted), last) {
             (Ok(found), _) => found,
-            (Err(error), _) if error == PassiveStateError::Stopped => return Err(error),
+            (Err(error), _) if error.ends_the_search() => return Err(error),
             // The step was too long, or the law too soft to bear the load: it is halved while it is not negligible.
             (Err(_), Some(last)) if (ln_c - last).abs() > 0.02 => {
                 ln_c = 0.5 * (ln_c + last);

@@ -41,6 +41,8 @@ pub struct FoundState {
     pub unloaded_volume_mm3: f64,
     /// Number of Newton iterations, all inflations together.
     pub newton_iterations: usize,
+    /// Number of iterations of linear solvers, those of failed equilibria included.
+    pub krylov_iterations: usize,
     /// Number of passes of the unloading, all together.
     pub passes: usize,
 }
@@ -81,6 +83,7 @@ impl PassiveJob {
             volume_mm3,
             unloaded_volume_mm3,
             newton_iterations,
+            krylov_iterations: search.work.krylov_iterations,
             passes,
         })
     }

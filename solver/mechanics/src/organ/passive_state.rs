@@ -4,14 +4,16 @@
 //! difference between the image and the inflated geometry is added to the nodes until it vanishes. Every inflation after the
 //! first starts from the previous equilibrium and needs no load steps.
 
+use std::ops::ControlFlow;
+
 use cardiotwin_linalg::parallel::{PartitionError, RankFailure, VectorLayout};
 
 use super::piece::Piece;
 use super::rigid::rigid_motion;
-use super::search::{Search, SearchProgress};
+use super::search::{Place, Search, SearchWork};
 use super::wall::{WallError, WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
-use crate::step::{Closure, Passive, Solver, StepError, StepSettings, step};
+use crate::step::{Closure, Passive, Solver, StepError, StepReport, StepSettings, step_watched};
 use crate::time_integration::Motion;
 
 /// A time step so long that inertia and damping vanish \[ms\].
@@ -39,6 +41,23 @@ pub enum PassiveStateError {
     /// The watcher stopped the search.
     #[error("stopped")]
     Stopped,
+    /// The search took more work than [`super::UnloadingSettings::most_work`].
+    #[error(
+        "no passive state found in {} Newton and {} linear iterations, with {trials} laws and {passes} passes; given up at \
+         {pressure_kpa:.2} kPa", work.newton_iterations, work.krylov_iterations
+    )]
+    TooMuchWork {
+        /// Work until then.
+        work: SearchWork,
+        /// Number of passive laws tried.
+        trials: usize,
+        /// Number of passes of the unloading.
+        passes: usize,
+        /// Pressure of the equilibrium that was sought last \[kPa\].
+        pressure_kpa: f64,
+        /// Failure of the last equilibrium that was not found, if there was one.
+        source: Option<StepError>,
+    },
     /// The inflation did not reach its pressure.
     #[error("no equilibrium found beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
     Inflation {
@@ -104,6 +123,14 @@ pub enum PassiveStateError {
         /// Volume at the upper end \[mL\].
         at_high_ml: f64,
     },
+}
+
+impl PassiveStateError {
+    /// Whether the search has to end, whatever else could be tried.
+    #[must_use]
+    pub fn ends_the_search(&self) -> bool {
+        matches!(self, Self::Stopped | Self::TooMuchWork { .. })
+    }
 }
 
 /// A wall with its unloaded geometry, in equilibrium under a pressure.
@@ -204,25 +231,26 @@ impl PassiveState {
         self.dynamics.body.reference().as_chunks::<3>().0
     }
 
-    /// Solves for equilibrium at `pressure_kpa` from `guess` in a single step.
+    /// Solves for equilibrium at `pressure_kpa` from `guess` in a single step. The outer error ends the search.
     fn settle(
         &mut self,
         guess: Vec<f64>,
         pressure_kpa: f64,
-        newton: &StepSettings,
-    ) -> Result<(), StepError> {
-        self.settle_within(FOREVER_MS, guess, pressure_kpa, newton)
+        search: &mut Search<'_>,
+    ) -> Result<Result<(), StepError>, PassiveStateError> {
+        self.settle_within(FOREVER_MS, guess, pressure_kpa, search)
     }
 
-    /// Solves a time step of `dt_ms` from rest at `guess`, without damping.
+    /// Solves a time step of `dt_ms` from rest at `guess`, without damping. The outer error ends the search.
     fn settle_within(
         &mut self,
         dt_ms: f64,
         guess: Vec<f64>,
         pressure_kpa: f64,
-        newton: &StepSettings,
-    ) -> Result<(), StepError> {
+        search: &mut Search<'_>,
+    ) -> Result<Result<(), StepError>, PassiveStateError> {
         let n = guess.len();
+        let newton = search.settings.newton;
         let now = State {
             motion: Motion::at_rest(guess.clone()),
             force: vec![0.0; n],
@@ -237,26 +265,58 @@ impl PassiveState {
         };
         let newton = StepSettings {
             least_pressure_kpa: newton.least_pressure_kpa.min(pressure_kpa.abs()).max(1e-3),
-            ..*newton
+            ..newton
         };
         for given in &mut self.dynamics.given_cavities {
             given.pressure_kpa = self.right_per_left * pressure_kpa;
         }
         let mut closure = Closure::Pressure(pressure_kpa);
-        let (_, report) = step(
+        let place = Place {
+            passes: self.passes,
+            pressure_kpa,
+        };
+        let (mut counted, mut ended) = (StepReport::default(), None);
+        let mut watch = |report: &StepReport| match search.iterate(
+            &*self.dynamics.comm,
+            place,
+            report,
+            &mut counted,
+        ) {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                ended = Some(error);
+                ControlFlow::Break(())
+            }
+        };
+        let found = step_watched(
             &self.dynamics,
-            &now,
-            dt_ms,
+            (&now, dt_ms),
             &mut candidate,
             &mut Passive,
             &mut closure,
             &mut self.solver,
             &newton,
-        )?;
-        self.newton_iterations += report.iterations;
-        self.u = candidate.motion.u;
-        self.pressure_kpa = pressure_kpa;
-        Ok(())
+            &mut watch,
+        );
+        if let Some(error) = ended {
+            return Err(error);
+        }
+        match found {
+            Ok((_, report)) => {
+                search.count(&report, &mut counted);
+                self.newton_iterations += report.iterations;
+                self.u = candidate.motion.u;
+                self.pressure_kpa = pressure_kpa;
+                Ok(Ok(()))
+            }
+            Err(error) => {
+                if let StepError::Linear { iterations, .. } = error {
+                    search.work.krylov_iterations += iterations;
+                }
+                search.failed = Some(error.clone());
+                Ok(Err(error))
+            }
+        }
     }
 
     /// Relaxes the wall to equilibrium at `pressure_kpa` by time steps with mass, stopped after each. This is the last resort
@@ -266,12 +326,11 @@ impl PassiveState {
         pressure_kpa: f64,
         search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
-        let newton = search.settings.newton;
         let mut dt_ms = 2.0;
         let mut last = None;
         for _ in 0..MOST_RELAXATIONS {
             search.go_on(self, pressure_kpa)?;
-            match self.settle_within(dt_ms, self.u.clone(), pressure_kpa, &newton) {
+            match self.settle_within(dt_ms, self.u.clone(), pressure_kpa, search)? {
                 Ok(()) if dt_ms >= FOREVER_MS => return Ok(()),
                 Ok(()) if dt_ms > 1e3 => dt_ms = FOREVER_MS,
                 Ok(()) => dt_ms *= 2.0,
@@ -327,7 +386,7 @@ impl PassiveState {
             };
             search.go_on(self, p)?;
             let here = self.u.clone();
-            match self.settle(guess, p, &settings.newton) {
+            match self.settle(guess, p, search)? {
                 Ok(()) => {
                     before = Some((reached, here));
                     reached = target;
@@ -337,13 +396,16 @@ impl PassiveState {
                     load = 0.5 * (target - reached);
                     before = None;
                     if load < settings.smallest_load {
-                        if self.relax(p, search).is_err() {
-                            let reached_kpa = self.pressure_kpa;
-                            return Err(PassiveStateError::Inflation {
-                                reached_kpa,
-                                wanted_kpa: wanted,
-                                source,
-                            });
+                        match self.relax(p, search) {
+                            Ok(()) => {}
+                            Err(error) if error.ends_the_search() => return Err(error),
+                            Err(_) => {
+                                return Err(PassiveStateError::Inflation {
+                                    reached_kpa: self.pressure_kpa,
+                                    wanted_kpa: wanted,
+                                    source,
+                                });
+                            }
                         }
                         (reached, load) = (target, settings.first_load);
                     }
@@ -372,10 +434,7 @@ impl PassiveState {
                 .zip(self.dynamics.body.reference())
                 .map(|(x, r)| x - r)
                 .collect();
-            if self
-                .settle(guess, pressure_kpa, &search.settings.newton)
-                .is_ok()
-            {
+            if self.settle(guess, pressure_kpa, search)?.is_ok() {
                 return Ok(());
             }
         }
@@ -413,7 +472,7 @@ impl PassiveState {
                     *self = again;
                     return Ok(());
                 }
-                Err(PassiveStateError::Stopped) => return Err(PassiveStateError::Stopped),
+                Err(error) if error.ends_the_search() => return Err(error),
                 Err(_) => {}
             }
         }
@@ -455,7 +514,7 @@ impl PassiveState {
                 Err(error) => {
                     load = 0.5 * (target - reached);
                     before = None;
-                    if load < search.settings.smallest_load || error == PassiveStateError::Stopped {
+                    if load < search.settings.smallest_load || error.ends_the_search() {
                         return Err(error);
                     }
                 }
@@ -486,7 +545,7 @@ impl PassiveState {
         for pass in 1.. {
             search.go_on(self, pressure_kpa)?;
             let guess = displacement(&piece.anatomy.nodes, self.unloaded());
-            match self.settle(guess.clone(), pressure_kpa, &settings.newton) {
+            match self.settle(guess.clone(), pressure_kpa, search)? {
                 Ok(()) => {}
                 Err(_) if patient => {
                     self.u = guess;
@@ -572,39 +631,6 @@ impl PassiveState {
             }
         }
         Ok(())
-    }
-}
-
-impl Search<'_> {
-    /// Asks the watcher before an equilibrium at `pressure_kpa`; an error ends the search. Collective.
-    pub(super) fn go_on(
-        &mut self,
-        state: &PassiveState,
-        pressure_kpa: f64,
-    ) -> Result<(), PassiveStateError> {
-        let PassiveState {
-            passes,
-            newton_iterations,
-            ..
-        } = *state;
-        let progress = SearchProgress {
-            trials: self.trials,
-            passes,
-            newton_iterations,
-            pressure_kpa,
-        };
-        let stop = self
-            .watch
-            .as_mut()
-            .is_some_and(|watch| watch(&progress).is_break());
-        // Rank 0 has the watcher and decides for all ranks.
-        let mut word = [f64::from(u8::from(stop))];
-        state.dynamics.comm.broadcast(&mut word);
-        if word[0] == 0.0 {
-            Ok(())
-        } else {
-            Err(PassiveStateError::Stopped)
-        }
     }
 }
 

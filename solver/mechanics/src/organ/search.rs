@@ -1,15 +1,24 @@
-//! The search for a passive state: its settings and progress.
+//! The search for a passive state: its settings, progress and bound of work.
 
 use std::ops::ControlFlow;
 
+use cardiotwin_linalg::parallel::Communicator;
+
 use super::anatomy::Anatomy;
+use super::passive_state::{PassiveState, PassiveStateError};
 use crate::element::kernel::VolumeChange;
 use crate::newton::LinearSolver;
-use crate::step::StepSettings;
+use crate::step::{StepError, StepReport, StepSettings};
 
 /// Largest node counts at which a factorisation beats multigrid: for nodal volume change, to which multigrid is tuned, and for
 /// the plain penalty.
 const FACTORISED_UP_TO: [usize; 2] = [3000, 20_000];
+
+/// Work after which a search is given up: several times that of a heart that needs many laws and load steps.
+const MOST_WORK: SearchWork = SearchWork {
+    newton_iterations: 2500,
+    krylov_iterations: 20_000,
+};
 
 /// Settings of the search for an unloaded geometry.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +33,9 @@ pub struct UnloadingSettings {
     pub first_load: f64,
     /// Smallest load step of an inflation.
     pub smallest_load: f64,
+    /// Work after which the search is given up. It counts iterations and no seconds: the same heart ends the same way on a busy
+    /// machine.
+    pub most_work: SearchWork,
     /// Settings of Newton's method.
     pub newton: StepSettings,
 }
@@ -53,6 +65,7 @@ impl Default for UnloadingSettings {
             max_passes: 25,
             first_load: 0.25,
             smallest_load: 0.02,
+            most_work: MOST_WORK,
             newton,
         }
     }
@@ -90,6 +103,22 @@ impl UnloadingSettings {
     }
 }
 
+/// Work of a search, that of failed equilibria included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SearchWork {
+    /// Number of Newton iterations.
+    pub newton_iterations: usize,
+    /// Number of iterations of linear solvers.
+    pub krylov_iterations: usize,
+}
+
+impl SearchWork {
+    fn exceeds(self, most: Self) -> bool {
+        self.newton_iterations > most.newton_iterations
+            || self.krylov_iterations > most.krylov_iterations
+    }
+}
+
 /// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchProgress {
@@ -97,10 +126,12 @@ pub struct SearchProgress {
     pub trials: usize,
     /// Number of passes of the unloading.
     pub passes: usize,
-    /// Number of Newton iterations.
-    pub newton_iterations: usize,
     /// Pressure to which the wall is being inflated \[kPa\].
     pub pressure_kpa: f64,
+    /// Work so far.
+    pub work: SearchWork,
+    /// Residual of the equilibrium that is being solved, relative to its forces; `None` before its first one.
+    pub relative_residual: Option<f64>,
 }
 
 /// Receives the progress of a search and decides whether it continues.
@@ -112,6 +143,10 @@ pub struct Search<'a> {
     pub settings: UnloadingSettings,
     pub(super) watch: Option<&'a mut Watch<'a>>,
     pub(super) trials: usize,
+    /// Work so far.
+    pub(super) work: SearchWork,
+    /// Failure of the last equilibrium that was not found.
+    pub(super) failed: Option<StepError>,
 }
 
 impl std::fmt::Debug for Search<'_> {
@@ -130,16 +165,101 @@ impl<'a> Search<'a> {
             settings,
             watch: None,
             trials: 0,
+            work: SearchWork::default(),
+            failed: None,
         }
     }
 
-    /// A search that calls its watcher before each equilibrium.
+    /// A search that calls its watcher before each equilibrium and each Newton iteration.
     #[must_use]
     pub fn watched(settings: UnloadingSettings, watch: &'a mut Watch<'a>) -> Self {
         Self {
-            settings,
             watch: Some(watch),
-            trials: 0,
+            ..Self::new(settings)
+        }
+    }
+}
+
+/// Place of an equilibrium in a search, for watcher and errors.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub passes: usize,
+    pub pressure_kpa: f64,
+}
+
+impl Search<'_> {
+    /// Asks the watcher before an equilibrium at `pressure_kpa`; an error ends the search. Collective.
+    pub(super) fn go_on(
+        &mut self,
+        state: &PassiveState,
+        pressure_kpa: f64,
+    ) -> Result<(), PassiveStateError> {
+        let place = Place {
+            passes: state.passes,
+            pressure_kpa,
+        };
+        self.ask(&*state.dynamics.comm, place, None)
+    }
+
+    /// Counts the work since the last call and asks the watcher; an error ends the search. Collective.
+    ///
+    /// - `counted`: work of this equilibrium that was counted before
+    pub(super) fn iterate(
+        &mut self,
+        comm: &dyn Communicator,
+        place: Place,
+        report: &StepReport,
+        counted: &mut StepReport,
+    ) -> Result<(), PassiveStateError> {
+        self.count(report, counted);
+        self.ask(comm, place, Some(report.relative_residual))
+    }
+
+    /// Counts the work since `counted`.
+    pub(super) fn count(&mut self, report: &StepReport, counted: &mut StepReport) {
+        self.work.newton_iterations += report.iterations - counted.iterations;
+        self.work.krylov_iterations += report.krylov_iterations - counted.krylov_iterations;
+        *counted = *report;
+    }
+
+    fn ask(
+        &mut self,
+        comm: &dyn Communicator,
+        place: Place,
+        relative_residual: Option<f64>,
+    ) -> Result<(), PassiveStateError> {
+        let Place {
+            passes,
+            pressure_kpa,
+        } = place;
+        // All ranks count the same work.
+        if self.work.exceeds(self.settings.most_work) {
+            return Err(PassiveStateError::TooMuchWork {
+                work: self.work,
+                trials: self.trials,
+                passes,
+                pressure_kpa,
+                source: self.failed.clone(),
+            });
+        }
+        let progress = SearchProgress {
+            trials: self.trials,
+            passes,
+            pressure_kpa,
+            work: self.work,
+            relative_residual,
+        };
+        let stop = self
+            .watch
+            .as_mut()
+            .is_some_and(|watch| watch(&progress).is_break());
+        // Rank 0 has the watcher and decides for all ranks.
+        let mut word = [f64::from(u8::from(stop))];
+        comm.broadcast(&mut word);
+        if word[0] == 0.0 {
+            Ok(())
+        } else {
+            Err(PassiveStateError::Stopped)
         }
     }
 }

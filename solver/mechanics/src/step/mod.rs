@@ -8,6 +8,8 @@
 mod recent;
 mod solver;
 
+use std::ops::ControlFlow;
+
 use cardiotwin_linalg::parallel::{Communicator, Disagreement, VectorLayout, agree};
 use cardiotwin_linalg::{DirectError, KrylovSettings};
 use cardiotwin_models::circulation::CirculationError;
@@ -213,6 +215,9 @@ pub enum StepError {
     /// The contraction model failed.
     #[error("the contraction model failed")]
     Contraction(#[from] ContractionError),
+    /// The watcher stopped the step.
+    #[error("stopped")]
+    Stopped,
     /// Another rank failed in the step.
     #[error("{reason}")]
     Elsewhere {
@@ -229,6 +234,9 @@ impl From<Disagreement<ContractionError>> for StepError {
         }
     }
 }
+
+/// Sees the work so far before each linear system and decides whether the step goes on, on all ranks alike. Collective.
+pub type Watch<'a> = dyn FnMut(&StepReport) -> ControlFlow<()> + 'a;
 
 /// Share of Newton's tolerance that a linear solve, or a guess without a solve, may leave: more would add up from step to step.
 const LEFT: f64 = 0.3;
@@ -252,6 +260,31 @@ pub fn step(
     closure: &mut Closure<'_>,
     solver: &mut Solver,
     settings: &StepSettings,
+) -> Result<(Vec<f64>, StepReport), StepError> {
+    let watch = &mut |_: &StepReport| ControlFlow::Continue(());
+    let given = (now, dt_ms);
+    step_watched(
+        dynamics, given, candidate, stress, closure, solver, settings, watch,
+    )
+}
+
+/// [`step`] of `dt_ms` from a state, under a watcher. Collective.
+///
+/// # Errors
+/// [`StepError`], [`StepError::Stopped`] if the watcher ended it; `candidate` is then invalid.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a step needs them all, each of its own kind"
+)]
+pub fn step_watched(
+    dynamics: &Dynamics,
+    (now, dt_ms): (&State, f64),
+    candidate: &mut Candidate,
+    stress: &mut dyn PointStress,
+    closure: &mut Closure<'_>,
+    solver: &mut Solver,
+    settings: &StepSettings,
+    watch: &mut Watch<'_>,
 ) -> Result<(Vec<f64>, StepReport), StepError> {
     let space = dynamics.space();
     let n = now.motion.u.len();
@@ -341,6 +374,9 @@ pub fn step(
                 relative_residual,
                 volume_residual_mm3,
             });
+        }
+        if watch(&report).is_break() {
+            return Err(StepError::Stopped);
         }
         if first.is_empty() {
             first.clone_from(&r);

@@ -300,8 +300,20 @@ fn exponent_factor(anatomy: &AnatomySpec) -> Result<f64, TaskError> {
     Ok(factor)
 }
 
+/// A search's progress in words.
+fn said(p: &SearchProgress) -> String {
+    let residual = p
+        .relative_residual
+        .map_or_else(String::new, |residual| format!(", residual {residual:.0e}"));
+    format!(
+        "law {}, pass {}: {:.2} kPa, {} Newton and {} linear iterations so far{residual}",
+        p.trials, p.passes, p.pressure_kpa, p.work.newton_iterations, p.work.krylov_iterations
+    )
+}
+
 /// Searches for the passive state, on the context's team or threads if the mesh is large.
 fn searched(
+    mesh: &TetMesh,
     anatomy: &Anatomy,
     job: &PassiveJob,
     subdomains: u32,
@@ -312,11 +324,8 @@ fn searched(
     let mut watch = |p: &SearchProgress| {
         context
             .progress
-            .report("unloading", p.newton_iterations as f64, None, || {
-                format!(
-                    "law {}, pass {}: {:.2} kPa, {} Newton iterations so far",
-                    p.trials, p.passes, p.pressure_kpa, p.newton_iterations
-                )
+            .report("unloading", p.work.newton_iterations as f64, None, || {
+                said(p)
             });
         match context.check_stop() {
             Ok(()) => ControlFlow::Continue(()),
@@ -326,6 +335,9 @@ fn searched(
     let mut search = Search::watched(UnloadingSettings::for_anatomy(anatomy), &mut watch);
     found(job, anatomy, workers, &mut search).map_err(|error| match error {
         PassiveStateError::Stopped => TaskError::Cancelled,
+        error @ PassiveStateError::TooMuchWork { .. } => {
+            TaskError::FiniteElement(FiniteElementError::too_much_work(mesh, error))
+        }
         error => TaskError::FiniteElement(error.into()),
     })
 }
@@ -403,7 +415,7 @@ fn build(
             )
         });
         if n_nodes < last {
-            match searched(&anatomy, &job, spec.subdomains, context) {
+            match searched(&mesh, &anatomy, &job, spec.subdomains, context) {
                 Ok(found) => (job.wall.muscle, job.slope) = (found.wall.muscle, found.slope),
                 Err(TaskError::Cancelled) => return Err(TaskError::Cancelled),
                 // If the small mesh has no law, the large one reports the error.
@@ -415,7 +427,7 @@ fn build(
         // same end-diastole, as in the reduced ventricle.
         job.wall.right_pressure.clone_from(&right);
         job.steepened_by = (!given && of_effects != 1.0).then_some(of_effects);
-        let state = searched(&anatomy, &job, spec.subdomains, context)?;
+        let state = searched(&mesh, &anatomy, &job, spec.subdomains, context)?;
         let exponents = state
             .wall
             .muscle
@@ -590,6 +602,7 @@ pub(super) fn make(
     count("mesh_mean_ratio_mean", quality.mean);
     count("mesh_dihedral_largest_deg", quality.max_dihedral_deg);
     count("newton_iterations", state.newton_iterations as f64);
+    count("krylov_iterations", state.krylov_iterations as f64);
     count("unloading_passes", state.passes as f64);
 
     let FoundState {

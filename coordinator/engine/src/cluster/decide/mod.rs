@@ -32,12 +32,12 @@ use cardiotwin_slurm::site::Site;
 use cardiotwin_store::cluster_jobs::ClusterReport;
 use cardiotwin_workflow::task::Task;
 
-use super::mesh_size::MeshSizes;
 use super::waiting::{present_task, waiting, wants_place};
 use crate::EngineError;
 use crate::books::Books;
 use crate::decider::Decider;
 use crate::dispatch::Evidence;
+use crate::mesh_size::MeshSizes;
 use crate::requests::{self, Pending};
 pub use effects::{Effect, EffectResult, ElementId, SubmissionResult};
 use inquiry::Inquiry;

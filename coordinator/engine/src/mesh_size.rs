@@ -7,7 +7,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::plan::ResolvedPatient;
-use cardiotwin_schemas::task::InputFile;
+use cardiotwin_schemas::task::{InputFile, PassiveStateSpec};
 
 /// Bytes read from the head of a mesh file. The count is in its first lines; in Gmsh's files the
 /// names and entities precede it.
@@ -20,6 +20,14 @@ pub fn nodes(plan: &ResolvedPatient) -> u32 {
     own_file(plan)
         .and_then(|file| of_file(&file.path))
         .unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
+}
+
+/// Number of nodes of the patient's own mesh of which step 0 makes the ventricle; `None` without such
+/// a mesh, or if its file does not state it.
+#[must_use]
+pub fn of_step0(spec: &PassiveStateSpec) -> Option<u32> {
+    let own = spec.own_mesh.as_ref()?;
+    of_file(&own.files.first()?.path)
 }
 
 /// Numbers of nodes of patients' own meshes, each read once; `None` for a file that does not state
