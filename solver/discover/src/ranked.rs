@@ -56,12 +56,7 @@ pub(crate) fn ranked_effects(
     };
     let mut effects: Vec<RankedEffect> = Vec::new();
     for loss in losses {
-        // The last stage that lacks it, where it was fitted: beside the others.
-        let stage = stages
-            .iter()
-            .rev()
-            .find(|stage| stage.with[loss.term].is_some())
-            .unwrap_or(&stages[0]);
+        let stage = SearchStage::lacking(stages, loss.term);
         let probability = probability(search, stage, loss.term);
         effects.push(row(
             loss.term,
@@ -94,7 +89,7 @@ pub(crate) fn ranked_effects(
 
 /// Weight of a candidate among all of its stage, the nameless ones and "nothing more"; tempered where even the best model
 /// misses the data (Yang and Zhu 2018: weights of wrong models are too near to zero and one).
-fn probability(search: &Search<'_>, stage: &SearchStage, term: usize) -> f64 {
+pub(crate) fn probability(search: &Search<'_>, stage: &SearchStage, term: usize) -> f64 {
     let ranking = search.ranking(stage);
     let data = &search.views.plain;
     let n = (data.pressure.len() + data.volume.len()) as f64;

@@ -59,6 +59,14 @@ impl SearchStage {
         of(&self.own) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
+    /// The last stage that lacks an effect, where it was fitted: beside the others.
+    #[must_use]
+    pub fn lacking(stages: &[Self], term: usize) -> &Self {
+        (stages.iter().rev())
+            .find(|stage| stage.with[term].is_some())
+            .unwrap_or(&stages[0])
+    }
+
     /// Competitors of the stage that are candidates which may not be named.
     pub fn unnamed(&self) -> impl Iterator<Item = DiscrepancyTerm> {
         self.own
@@ -300,7 +308,7 @@ impl Search<'_> {
     }
 
     /// Whether a candidate may be named, both in its best fit and without a competitor.
-    fn nameable(&self, with: &FitsByDiscrepancy, term: usize) -> bool {
+    pub(crate) fn nameable(&self, with: &FitsByDiscrepancy, term: usize) -> bool {
         self.plausible(&with.best().1, term) && self.plausible(with.plain(), term)
     }
 
