@@ -4,17 +4,11 @@
 //! candidate is a question of its own: where the odds between two are below those of a name, the answer
 //! is both. Effects that only together reach the odds of a name are an answer, too.
 
+use crate::discrepancy::sum_of_odds;
 use crate::moves::Loss;
 use crate::ranked::probability;
 use crate::stage::{Search, SearchStage};
 use cardiotwin_vocabulary::findings::EffectClass;
-
-/// Twice the logarithm of a sum of odds, each given as twice its logarithm.
-fn sum_of_odds(odds: impl Iterator<Item = f64> + Clone) -> f64 {
-    let largest = odds.clone().fold(f64::NEG_INFINITY, f64::max);
-    let sum: f64 = odds.map(|odds| (0.5 * (odds - largest)).exp()).sum();
-    largest + 2.0 * sum.ln()
-}
 
 impl Search<'_> {
     /// The classes of the accepted effects, or the class that suffices where none was accepted.
@@ -53,15 +47,13 @@ impl Search<'_> {
 
     /// Effects of which none has the odds of a name, but all together have.
     fn sufficient_together(&self, stage: &SearchStage) -> Option<EffectClass> {
-        let candidates = self.forward.candidates();
-        let first = self.promising(stage)?;
-        let alike = self.alike(stage, first, &[]);
-        let prior = |term: usize| candidates[term].log_prior;
+        let alike = self.alike(stage, self.promising(stage)?, &[]);
         let plain = (alike.iter()).filter_map(|term| self.odds(stage, *term));
         let robust =
-            (alike.iter()).filter_map(|term| Some(stage.robust_gain(*term)? + prior(*term)));
-        let odds = sum_of_odds(plain).min(sum_of_odds(robust));
-        (alike.len() > 1 && odds >= self.threshold(stage)).then(|| self.class(stage, &alike))
+            (alike.iter()).filter_map(|term| Some(stage.robust_gain(*term)? + self.prior(*term)));
+        let odds = (sum_of_odds(plain), sum_of_odds(robust));
+        (alike.len() > 1 && self.enough(0.0, odds, self.threshold(stage)))
+            .then(|| self.class(stage, &alike))
     }
 
     fn class(&self, stage: &SearchStage, terms: &[usize]) -> EffectClass {
@@ -74,18 +66,5 @@ impl Search<'_> {
                 .map(|term| probability(self, stage, *term))
                 .sum(),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn odds_add() {
-        let twice_log = |odds: f64| 2.0 * odds.ln();
-        let sum = sum_of_odds([5.0, 4.0].map(twice_log).into_iter());
-        assert!((sum - twice_log(9.0)).abs() < 1e-12);
-        assert!((sum_of_odds([3.0].into_iter()) - 3.0).abs() < 1e-12);
     }
 }
