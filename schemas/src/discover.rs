@@ -12,10 +12,11 @@ use crate::organ::{EffectSpec, OneFibrePassive, WindkesselParameters};
 use crate::patient::{AorticPressure, Diastasis, Noise, VolumeWithError};
 
 pub use cardiotwin_vocabulary::findings::{
-    ComparedSignal, Confusable, Dependence, DiscoverSeries, Findings, GapAt, InThreeDimensions,
-    NotIdentifiable, PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves,
-    Unexplained, held_out_confirm,
+    ComparedSignal, Confusable, Dependence, DiscoverSeries, EffectClass, Findings, GapAt,
+    InThreeDimensions, NotIdentifiable, PhaseBegin, Place, RankedEffect, SearchSettings, Side,
+    SimulatedCurves, Unexplained, held_out_confirm,
 };
+pub use cardiotwin_vocabulary::verdict::{BY_CHANCE, Verdict};
 
 /// Input of a search for missing effects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

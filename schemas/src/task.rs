@@ -97,7 +97,7 @@ impl TaskSpec {
         match self {
             Self::OrganBeat(_) => 14,
             Self::PassiveState(_) => 11,
-            Self::Discover(_) => 9,
+            Self::Discover(_) => 10,
             Self::Step3Proposal(_) => 12,
             Self::Step1Proposal(_) => 10,
             Self::CellFit(_) => 6,

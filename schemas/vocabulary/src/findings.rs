@@ -20,6 +20,10 @@ pub struct Findings {
     pub confusable: Vec<String>,
     /// Accepted effects with the rivals from which the data do not distinguish them.
     pub confusable_with: Vec<Confusable>,
+    /// Classes of effects within which the data do not decide: of an accepted effect, which then comes
+    /// first, or of effects that only together suffice for a name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub classes: Vec<EffectClass>,
     /// Measurements that would distinguish these effects.
     pub deciding_measurement: Vec<String>,
     /// Names of candidates that the data cannot show.
@@ -28,6 +32,10 @@ pub struct Findings {
     pub not_identifiable_without: Vec<NotIdentifiable>,
     /// Gap that no candidate explains.
     pub unexplained: Option<Unexplained>,
+    /// Gap that the accepted effects leave and no further effect explains; without accepted effects a
+    /// gap that is weaker than an `unexplained` one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remaining: Option<Unexplained>,
     /// Rms standardised residual of the base model.
     pub gap_before: f64,
     /// Rms standardised residual with the accepted effects.
@@ -145,6 +153,16 @@ pub struct Confusable {
     pub rival: String,
     /// Misfit that the rival leaves on noise-free output of the model with the accepted effect.
     pub expected_misfit: f64,
+}
+
+/// Effects of which one is missing, while the data do not tell which.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct EffectClass {
+    /// Names of the effects, the most probable first.
+    pub effects: Vec<String>,
+    /// Sum of their probabilities.
+    pub probability: f64,
 }
 
 /// A candidate that the data would not show even at a typical strength.

@@ -27,3 +27,4 @@ pub mod step1;
 pub mod step1_settings;
 pub mod step2_settings;
 pub mod trace_noise;
+pub mod verdict;

@@ -4,7 +4,7 @@ use crate::bootstrap::p_value;
 use crate::calibration::Calibration;
 use crate::confusion::{confusables, rivals};
 use crate::deciding::{Rival, SEPARABLE};
-use crate::discrepancy::{DiscrepancyTerm, FitsByDiscrepancy, Views};
+use crate::discrepancy::{FitsByDiscrepancy, Views};
 use crate::fit::Fit;
 use crate::forward::Forward;
 use crate::held_out::{HeldOut, gap};
@@ -17,9 +17,13 @@ use crate::series::Tabulated;
 use crate::settings::Settings;
 use crate::stage::{Search, SearchStage};
 use crate::stepwise::{Found, find};
-use crate::unexplained::depends_on;
-use cardiotwin_vocabulary::findings::{Confusable, Findings, Unexplained};
+use crate::unexplained::nameless_gap;
+use cardiotwin_vocabulary::findings::{Confusable, Findings};
 use std::collections::BTreeMap;
+
+/// Evidence from which a gap without a name is told in the place of a name: "very strong" (Kass and
+/// Raftery 1995).
+const CLEAR_GAP: f64 = 10.0;
 
 /// Reasons why a search gives no result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -72,6 +76,7 @@ pub fn discover(
         held_out: (held_before, held_after),
         n_evaluations_left,
     } = find(&search, &base);
+    let left = current.unhealthy();
     let current = current.plain().clone();
     let base = if losses.is_empty() {
         current.clone()
@@ -135,22 +140,12 @@ pub fn discover(
         .collect();
 
     let threshold = search.threshold(&stages[0]);
-    let unexplained = (accepted.is_empty() && unhealthy.1 >= threshold.max(10.0)).then(|| {
-        let worst = locate(&problem, &before)
-            .into_iter()
-            .max_by(|a, b| a.share.total_cmp(&b.share));
-        Unexplained {
-            kind: if unhealthy.0 == DiscrepancyTerm::Activation {
-                "activation"
-            } else {
-                "discrepancy"
-            }
-            .to_owned(),
-            log_evidence: unhealthy.1,
-            place: worst.expect("the table has rows"),
-            depends_on: depends_on(data, &before),
-        }
-    });
+    let classes = search.classes(&stages, &losses);
+    let is_unexplained = losses.is_empty() && unhealthy.1 >= threshold.max(CLEAR_GAP);
+    let unexplained =
+        (is_unexplained && classes.is_empty()).then(|| nameless_gap(&problem, &before, unhealthy));
+    let remaining = (!is_unexplained && left.1 >= settings.search.least_evidence)
+        .then(|| nameless_gap(&problem, &after, left));
     let best_odds = (0..candidates.len())
         .filter_map(|term| search.odds(&stages[0], term))
         .fold(0.0, f64::max);
@@ -177,10 +172,12 @@ pub fn discover(
             .collect(),
         confusable: distinct(confusable.iter().map(|c| &c.rival)),
         confusable_with: confusable,
+        classes,
         deciding_measurement: deciding,
         not_identifiable: distinct(not_identifiable.iter().map(|n| &n.name)),
         not_identifiable_without: not_identifiable,
         unexplained,
+        remaining,
         gap_before: gap(&problem, &seen_before),
         gap_after: gap(&problem, &seen_after),
         gap_heldout_before: held_out_gap(&held_before),

@@ -1,8 +1,8 @@
 //! Competitors without a name: terms that may stand for a gap that no candidate names, alone and
 //! beside the named ones.
 //!
-//! A result is only valid if it does not depend on the treatment of the remaining gap. Every
-//! structure is therefore fitted without a competitor and with each of them: free bumps of the
+//! A result must not depend on the treatment of the remaining gap. Every structure is therefore fitted
+//! without a competitor and with each of them, and the evidence is averaged over these fits: free bumps of the
 //! activation, smooth errors of pressure and volume, the errors by which the base misses healthy
 //! hearts of other formulations, and a candidate that improves the fit but may not be named because
 //! its strength is too small or at a bound.
@@ -15,6 +15,7 @@ use crate::measured::Measured;
 use crate::noise::ErrorModel;
 use crate::problem::{Data, N_BUMPS, Problem, Structure};
 use crate::search::{UNBENT, add_term, best, is_bent};
+use cardiotwin_models::effects::ONE_OF_MANY;
 use rayon::prelude::*;
 
 /// A nameless competitor of the candidates.
@@ -30,6 +31,38 @@ pub enum DiscrepancyTerm {
     Formulation(usize),
     /// A candidate, by index, that may not be named.
     Unnamed(usize),
+}
+
+/// Prior odds of a competitor that stands for something missing: as those of an effect whose frequency
+/// is not stated. Formulations of a healthy heart are as probable as none.
+const ODDS_OF_A_GAP: f64 = ONE_OF_MANY;
+
+impl DiscrepancyTerm {
+    /// Whether a heart with this discrepancy lacks nothing.
+    fn is_healthy(self) -> bool {
+        matches!(self, Self::Nothing | Self::Formulation(_))
+    }
+
+    /// −2 ln of the weight in the average over competitors.
+    fn neg2_log_weight(self) -> f64 {
+        if self.is_healthy() {
+            0.0
+        } else {
+            -2.0 * ODDS_OF_A_GAP.ln()
+        }
+    }
+}
+
+/// Twice the logarithm of a sum of odds, each given as twice its logarithm.
+pub(crate) fn sum_of_odds(odds: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = odds.clone().fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = odds.map(|odds| (0.5 * (odds - largest)).exp()).sum();
+    largest + 2.0 * sum.ln()
+}
+
+/// −2 ln evidence, averaged over competitors up to a constant.
+fn averaged(fits: impl Iterator<Item = (DiscrepancyTerm, f64)> + Clone) -> f64 {
+    -sum_of_odds(fits.map(|(kind, neg2)| -neg2 - kind.neg2_log_weight()))
 }
 
 /// The data as each competitor sees them. A smooth error is part of the covariance.
@@ -127,28 +160,23 @@ impl FitsByDiscrepancy {
         }
     }
 
-    /// Evidence with the best treatment of the remaining gap.
+    /// Evidence averaged over the treatments of the remaining gap, up to a constant. A competitor that
+    /// explains the same as an effect takes no more from it than its prior odds allow.
     #[must_use]
     pub fn neg2_log_evidence(&self) -> f64 {
-        self.best().1.neg2_log_evidence
+        averaged((self.fits.iter()).map(|(kind, fit)| (*kind, fit.neg2_log_evidence)))
     }
 
     /// Best competitor that no healthy heart explains, and its evidence against the formulation of a
     /// healthy heart that is nearest to the data.
     #[must_use]
     pub fn unhealthy(&self) -> (DiscrepancyTerm, f64) {
-        let is_healthy = |kind: &DiscrepancyTerm| {
-            matches!(
-                kind,
-                DiscrepancyTerm::Nothing | DiscrepancyTerm::Formulation(_)
-            )
-        };
         let healthy = (self.fits.iter())
-            .filter(|(kind, _)| is_healthy(kind))
+            .filter(|(kind, _)| kind.is_healthy())
             .map(|(_, fit)| fit.neg2_log_evidence)
             .fold(f64::MAX, f64::min);
         (self.fits.iter())
-            .filter(|(kind, _)| !is_healthy(kind) && !matches!(kind, DiscrepancyTerm::Unnamed(_)))
+            .filter(|(kind, _)| !kind.is_healthy() && !matches!(kind, DiscrepancyTerm::Unnamed(_)))
             .map(|(kind, fit)| (*kind, healthy - fit.neg2_log_evidence))
             .max_by(|a, b| a.1.total_cmp(&b.1))
             .unwrap_or((DiscrepancyTerm::Nothing, 0.0))
@@ -255,4 +283,31 @@ pub fn fit_by_discrepancy(
             .filter_map(|(kind, fit)| Some((kind, fit?))),
     );
     FitsByDiscrepancy { fits }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn odds_add() {
+        let twice_log = |odds: f64| 2.0 * odds.ln();
+        let sum = sum_of_odds([5.0, 4.0].map(twice_log).into_iter());
+        assert!((sum - twice_log(9.0)).abs() < 1e-12);
+        assert!((sum_of_odds([3.0].into_iter()) - 3.0).abs() < 1e-12);
+    }
+
+    /// Evidence of 20 for an effect whose gap a competitor explains as well.
+    fn left(competitor: DiscrepancyTerm) -> f64 {
+        let fits = |alone: f64| [(DiscrepancyTerm::Nothing, alone), (competitor, 80.0)].into_iter();
+        averaged(fits(100.0)) - averaged(fits(80.0))
+    }
+
+    #[test]
+    fn a_gap_without_a_name_leaves_an_effect_its_odds_and_a_healthy_formulation_does_not() {
+        let nameless = left(DiscrepancyTerm::Traces);
+        assert!((nameless - 2.0 * 11f64.ln()).abs() < 0.01, "{nameless}");
+        let healthy = left(DiscrepancyTerm::Formulation(0));
+        assert!((healthy - 2.0 * 2f64.ln()).abs() < 0.01, "{healthy}");
+    }
 }

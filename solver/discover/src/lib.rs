@@ -6,6 +6,7 @@ pub mod activation;
 pub mod bootstrap;
 pub mod calibration;
 pub mod channel;
+mod classes;
 pub mod confusion;
 pub mod decide;
 pub mod deciding;

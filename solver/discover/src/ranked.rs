@@ -56,12 +56,7 @@ pub(crate) fn ranked_effects(
     };
     let mut effects: Vec<RankedEffect> = Vec::new();
     for loss in losses {
-        // The last stage that lacks it, where it was fitted: beside the others.
-        let stage = stages
-            .iter()
-            .rev()
-            .find(|stage| stage.with[loss.term].is_some())
-            .unwrap_or(&stages[0]);
+        let stage = SearchStage::lacking(stages, loss.term);
         let probability = probability(search, stage, loss.term);
         effects.push(row(
             loss.term,
@@ -92,9 +87,9 @@ pub(crate) fn ranked_effects(
     effects
 }
 
-/// Weight of a candidate among all of its stage, the nameless ones and "nothing more"; tempered where even the best model
+/// Weight of a candidate among all of its stage and "nothing more", nameless competitors averaged; tempered where even the best model
 /// misses the data (Yang and Zhu 2018: weights of wrong models are too near to zero and one).
-fn probability(search: &Search<'_>, stage: &SearchStage, term: usize) -> f64 {
+pub(crate) fn probability(search: &Search<'_>, stage: &SearchStage, term: usize) -> f64 {
     let ranking = search.ranking(stage);
     let data = &search.views.plain;
     let n = (data.pressure.len() + data.volume.len()) as f64;
@@ -105,12 +100,9 @@ fn probability(search: &Search<'_>, stage: &SearchStage, term: usize) -> f64 {
         .plain();
     let excess = (best.misfit.pressure + best.misfit.volume) / n;
     let heat = 0.5 * (1.0 / excess).min(1.0);
-    // The structure itself: 0 with its best competitor, and less without any.
-    let nothing = stage.own.neg2_log_evidence() - stage.own.plain().neg2_log_evidence;
     let top = ranking.first().map_or(0.0, |(_, gain)| gain.max(0.0));
     let weight = |gain: f64| (heat * (gain - top)).exp();
-    let sum: f64 =
-        ranking.iter().map(|(_, gain)| weight(*gain)).sum::<f64>() + weight(0.0) + weight(nothing);
+    let sum: f64 = ranking.iter().map(|(_, gain)| weight(*gain)).sum::<f64>() + weight(0.0);
     ranking
         .iter()
         .find(|(t, _)| *t == term)

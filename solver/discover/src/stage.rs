@@ -59,6 +59,14 @@ impl SearchStage {
         of(&self.own) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
+    /// The last stage that lacks an effect, where it was fitted: beside the others.
+    #[must_use]
+    pub fn lacking(stages: &[Self], term: usize) -> &Self {
+        (stages.iter().rev())
+            .find(|stage| stage.with[term].is_some())
+            .unwrap_or(&stages[0])
+    }
+
     /// Competitors of the stage that are candidates which may not be named.
     pub fn unnamed(&self) -> impl Iterator<Item = DiscrepancyTerm> {
         self.own
@@ -77,7 +85,7 @@ impl SearchStage {
         )
     }
 
-    /// Evidence for a candidate, with the best competitor on either side.
+    /// Evidence for a candidate, averaged over the competitors on either side.
     #[must_use]
     pub fn robust_gain(&self, term: usize) -> Option<f64> {
         Some(self.own.neg2_log_evidence() - self.with[term].as_ref()?.neg2_log_evidence())
@@ -300,11 +308,11 @@ impl Search<'_> {
     }
 
     /// Whether a candidate may be named, both in its best fit and without a competitor.
-    fn nameable(&self, with: &FitsByDiscrepancy, term: usize) -> bool {
+    pub(crate) fn nameable(&self, with: &FitsByDiscrepancy, term: usize) -> bool {
         self.plausible(&with.best().1, term) && self.plausible(with.plain(), term)
     }
 
-    /// Candidates ordered by their evidence with the best competitor on either side, frequency
+    /// Candidates ordered by their evidence averaged over the competitors on either side, frequency
     /// included, the best first.
     #[must_use]
     pub fn ranking(&self, stage: &SearchStage) -> Vec<(usize, f64)> {
@@ -318,12 +326,18 @@ impl Search<'_> {
 
     /// Whether the evidence for an effect, its prior odds included, suffices for a name.
     ///
-    /// - `plain`: evidence without competitors on either side
-    /// - `robust`: evidence with the best competitor on either side
-    /// - `needed`: posterior odds that a name requires, as twice their logarithm
+    /// - `plain`: evidence without competitors on either side, which noise alone must not give
+    /// - `robust`: evidence averaged over the competitors on either side
+    /// - `needed`: posterior odds that the plain evidence requires, as twice their logarithm
     #[must_use]
-    pub fn enough(&self, term: usize, (plain, robust): (f64, f64), needed: f64) -> bool {
-        plain.min(robust) + self.forward.candidates()[term].log_prior >= needed
+    pub fn enough(&self, prior: f64, (plain, robust): (f64, f64), needed: f64) -> bool {
+        plain + prior >= needed && robust + prior >= self.settings.search.least_evidence
+    }
+
+    /// Twice the logarithm of an effect's prior odds.
+    #[must_use]
+    pub fn prior(&self, term: usize) -> f64 {
+        self.forward.candidates()[term].log_prior
     }
 
     /// Posterior odds of a candidate without competitors on either side, as twice their logarithm.
@@ -356,7 +370,7 @@ impl Search<'_> {
             .find(|(term, with)| self.nameable(with, *term))
             .filter(|(term, _)| {
                 let gains = stage.gain(*term).zip(stage.robust_gain(*term));
-                gains.is_some_and(|gains| self.enough(*term, gains, threshold))
+                gains.is_some_and(|gains| self.enough(self.prior(*term), gains, threshold))
             })
             .map(|(term, _)| term)
     }

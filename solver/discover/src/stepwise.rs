@@ -126,15 +126,12 @@ fn pair(search: &Search<'_>, stage: &SearchStage) -> Option<(SearchStage, FitsBy
     let beside = search.stage(stage.with[first].as_ref()?, 1);
     let second = search.next(&beside)?;
     let both = beside.with[second].clone()?;
-    let candidates = search.forward.candidates();
-    let prior = candidates[first].log_prior + candidates[second].log_prior;
-    let of = |own: f64, with: f64| own - with + prior;
-    let plain = of(
-        stage.own.plain().neg2_log_evidence,
-        both.plain().neg2_log_evidence,
+    let prior = search.prior(first) + search.prior(second);
+    let gains = (
+        stage.own.plain().neg2_log_evidence - both.plain().neg2_log_evidence,
+        stage.own.neg2_log_evidence() - both.neg2_log_evidence(),
     );
-    let robust = of(stage.own.neg2_log_evidence(), both.neg2_log_evidence());
-    (plain.min(robust) >= search.threshold(stage)).then_some((beside, both))
+    (search.enough(prior, gains, search.threshold(stage))).then_some((beside, both))
 }
 
 /// A structure from which nothing can be removed.
@@ -154,7 +151,13 @@ fn prune(search: &Search<'_>, stages: &[SearchStage], mut current: FitsByDiscrep
     let mut before = None;
     loop {
         let mut losses = search.losses(&current, stages);
-        let kept = |loss: &Loss| search.enough(loss.term, (loss.plain, loss.robust), threshold);
+        let kept = |loss: &Loss| {
+            search.enough(
+                search.prior(loss.term),
+                (loss.plain, loss.robust),
+                threshold,
+            )
+        };
         if let Some(at) = losses.iter().rposition(|loss| !kept(loss)) {
             current = losses.swap_remove(at).without;
             continue;

@@ -1,9 +1,11 @@
 //! A gap without a name: its location and the variables that it depends on.
 
+use crate::discrepancy::DiscrepancyTerm;
 use crate::forward::Prediction;
+use crate::locate::locate;
 use crate::noise::slopes;
-use crate::problem::Data;
-use cardiotwin_vocabulary::findings::Dependence;
+use crate::problem::{Data, Problem};
+use cardiotwin_vocabulary::findings::{Dependence, Unexplained};
 use nalgebra::{DMatrix, DVector};
 
 /// Number of polynomial coefficients besides the constant.
@@ -28,6 +30,32 @@ fn explained(x: &[f64], y: &[f64]) -> Option<f64> {
     let solution = matrix.clone().svd(true, true).solve(&right, 1e-10).ok()?;
     let rest = (right - matrix * solution).norm_squared();
     Some((1.0 - rest / total * (n - 1) as f64 / (n - DEGREE - 1) as f64).max(0.0))
+}
+
+/// A gap without a name: the competitor that explains it with its evidence, its largest discrepancy
+/// from a beat, and the variables that it depends on.
+///
+/// # Panics
+/// Never, because the table of places has rows.
+#[must_use]
+pub fn nameless_gap(
+    problem: &Problem<'_>,
+    beat: &Prediction,
+    (kind, log_evidence): (DiscrepancyTerm, f64),
+) -> Unexplained {
+    let worst = locate(problem, beat)
+        .into_iter()
+        .max_by(|a, b| a.share.total_cmp(&b.share));
+    let kind = match kind {
+        DiscrepancyTerm::Activation => "activation",
+        _ => "discrepancy",
+    };
+    Unexplained {
+        kind: kind.to_owned(),
+        log_evidence,
+        place: worst.expect("the table has rows"),
+        depends_on: depends_on(problem.data, beat),
+    }
 }
 
 /// Variables on which the discrepancies of pressure and volume depend, best first within each

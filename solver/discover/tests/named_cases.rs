@@ -48,6 +48,12 @@ fn nothing_is_missing() {
     assert!(accepted("dev-008").is_empty());
 }
 
+/// A weak effect: the nearest formulation of a healthy heart explains a third of its evidence.
+#[test]
+fn the_catheter_rings_faintly() {
+    assert_eq!(accepted("dev-007"), ["catheter_response"]);
+}
+
 #[test]
 fn volume_lags_pressure() {
     assert_eq!(accepted("dev-013"), ["pv_misalignment"]);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use cardiotwin_schemas::discover::{
-    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, Findings,
+    BiomarkerGap, ComparedSignal, Dependence, DiscoverSeries, Discovered, EffectClass, Findings,
     FiniteElementBeat, FiniteElementGap, FoundModel, GapAt, InThreeDimensions, IndexChange,
     PhaseBegin, Place, RankedEffect, SearchSettings, Side, SimulatedCurves, StatedFilling,
     Unexplained,
@@ -114,6 +114,7 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
             vec!["passive_stiffening".to_owned()]
         },
         confusable_with: vec![],
+        classes: vec![],
         deciding_measurement: if n_accepted == 0 {
             vec![]
         } else {
@@ -122,6 +123,7 @@ pub fn finding(effects: Vec<RankedEffect>, n_accepted: usize) -> Discovered {
         not_identifiable: vec!["cross_fibre_stress".to_owned()],
         not_identifiable_without: vec![],
         unexplained: None,
+        remaining: None,
         gap_before: 1.61,
         gap_after: shrinks(1.61, 0.94),
         gap_heldout_before: Some(1.72),
@@ -253,6 +255,33 @@ pub fn unexplained() -> Discovered {
             share: 0.4,
         }],
     });
+    found
+}
+
+/// A gap that is too small to be called unexplained.
+pub fn gap() -> Discovered {
+    let mut found = unexplained();
+    found.findings.remaining = found.findings.unexplained.take();
+    found
+}
+
+/// A likely candidate without a name, although chance alone is as good in half of the draws.
+pub fn likely() -> Discovered {
+    let mut found = finding(vec![effect("atrial_kick", 3.0, false)], 0);
+    found.findings.p_value = 0.5;
+    found.findings.effects[0].probability = 0.91;
+    found
+}
+
+/// Two effects of which one is missing.
+pub fn one_of_two() -> Discovered {
+    let names = ["delayed_relaxation", "dyssynchrony"];
+    let mut found = finding(names.map(|name| effect(name, 5.0, false)).into(), 0);
+    found.findings.classes = vec![EffectClass {
+        effects: names.map(str::to_owned).into(),
+        probability: 0.92,
+    }];
+    found.findings.deciding_measurement = vec!["QRS".to_owned()];
     found
 }
 

@@ -12,10 +12,11 @@ use super::decide::{
     AttemptRemains, AttemptSeen, DriverReport, DriverReports, ElementFiles, Observation, Question,
     Remains, SiteSeen, Traces,
 };
-use super::{Cluster, mesh_size, profile};
+use super::{Cluster, profile};
 use crate::EngineError;
 use crate::dispatch;
 use crate::files_seen::FilesSeen;
+use crate::mesh_size;
 
 impl<S: Scheduler> Cluster<S> {
     pub(super) async fn answer(&mut self, question: Question) -> Result<Observation, EngineError> {

@@ -75,6 +75,13 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
             found.findings.confusable.join(", "),
         ),
         (
+            "not told apart by these data",
+            (found.findings.classes.iter())
+                .map(|class| class.effects.join(" or "))
+                .collect::<Vec<_>>()
+                .join("; "),
+        ),
+        (
             "deciding measurement",
             found.findings.deciding_measurement.join("; "),
         ),
@@ -238,16 +245,6 @@ fn finite_element(case: &DiscoverCase, talk: &Talk) -> String {
     )
 }
 
-/// Names of the accepted effects, marked where held-out data do not confirm them.
-fn accepted(case: &DiscoverCase) -> String {
-    let found = &case.found;
-    format!(
-        "{}{}",
-        found.findings.accepted.join(" + "),
-        words::unconfirmed(found)
-    )
-}
-
 /// Table of the whole beat's misfit on the finite-element ventricles; empty if none was simulated.
 fn finite_elements(cases: &DiscoverCases, talk: &Talk) -> String {
     let mut table = Columns::new(
@@ -267,7 +264,7 @@ fn finite_elements(cases: &DiscoverCases, talk: &Talk) -> String {
             any = true;
             table.row([
                 case.case.clone(),
-                accepted(case),
+                words::missing(&case.found, str::to_owned),
                 name.to_owned(),
                 format!("{before:.1}"),
                 format!("{after:.1}"),
@@ -303,11 +300,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     );
     for case in cases.values() {
         let found = &case.found;
-        let missing = match (&found.findings.unexplained, found.findings.none) {
-            (Some(_), _) => "unexplained".to_owned(),
-            (None, true) => "none".to_owned(),
-            (None, false) => accepted(case),
-        };
+        let missing = words::missing(found, str::to_owned);
         let first = found
             .findings
             .effects

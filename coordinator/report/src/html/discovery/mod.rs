@@ -224,7 +224,9 @@ pub fn discovery_svg(case: &DiscoverCase) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_findings::{finite_element, kick, nothing, unexplained};
+    use cardiotwin_findings::{
+        finite_element, gap, kick, likely, nothing, one_of_two, unexplained,
+    };
     use cardiotwin_schemas::discover::Discovered;
 
     use super::*;
@@ -263,8 +265,20 @@ mod tests {
         assert!(
             section(&case("P3", unexplained()), "patient")
                 .into_string()
-                .contains("Dependence of the unexplained gap")
+                .contains("Dependence of the gap that no effect explains")
         );
+        for (found, badge) in [
+            (gap(), "a gap that no effect explains"),
+            (likely(), "undecided"),
+            (one_of_two(), "delayed relaxation or dyssynchrony"),
+        ] {
+            let html = section(&case("P4", found), "patient").into_string();
+            assert!(
+                html.contains(&format!("<span class=\"badge\">{badge}</span>"))
+                    && !html.contains("nothing is missing"),
+                "{html}"
+            );
+        }
     }
 
     #[test]

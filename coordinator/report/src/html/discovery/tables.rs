@@ -9,7 +9,7 @@ use crate::html::tables::scrolling;
 use crate::results::discovery::faults;
 use crate::results::discovery::finite_element::{change, rms_of};
 use crate::results::discovery::pool::{accepted_in, pool};
-use crate::results::discovery::words::{plain, split_unit, strength, unconfirmed};
+use crate::results::discovery::words::{missing, plain, split_unit, strength};
 
 /// Number of candidates shown in the ranking.
 const SHOWN: usize = 8;
@@ -21,14 +21,9 @@ fn number(value: Option<f64>) -> Markup {
 /// The findings in a few words.
 #[must_use]
 pub fn verdict(case: &DiscoverCase) -> String {
-    let found = &case.found;
-    match (&found.findings.unexplained, found.findings.none) {
-        (Some(_), _) => "unexplained".to_owned(),
-        (None, true) => "nothing is missing".to_owned(),
-        (None, false) => {
-            let names: Vec<String> = found.findings.accepted.iter().map(|n| plain(n)).collect();
-            format!("{}{}", names.join(" + "), unconfirmed(found))
-        }
+    match missing(&case.found, plain).as_str() {
+        "none" => "nothing is missing".to_owned(),
+        words => words.to_owned(),
     }
 }
 
@@ -199,7 +194,10 @@ pub fn lists(case: &DiscoverCase) -> Markup {
                 .join(", "),
         ),
     ];
-    if let Some(gap) = &found.findings.unexplained {
+    for class in &found.findings.classes {
+        rows.push(("Not told apart by these data", names(&class.effects)));
+    }
+    if let Some(gap) = (found.findings.unexplained.as_ref()).or(found.findings.remaining.as_ref()) {
         let depends = gap.depends_on.iter().map(|d| {
             format!(
                 "{} on {} ({:.0} %)",
@@ -209,7 +207,7 @@ pub fn lists(case: &DiscoverCase) -> Markup {
             )
         });
         rows.push((
-            "Dependence of the unexplained gap",
+            "Dependence of the gap that no effect explains",
             depends.collect::<Vec<_>>().join(", "),
         ));
     }

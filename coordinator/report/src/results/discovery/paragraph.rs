@@ -1,7 +1,9 @@
 //! The findings of a search in a paragraph: the missing effects, where they show in the beat, how sure
 //! they are, their rivals, the next measurement, and the changes for the patient.
 
-use cardiotwin_schemas::discover::{Discovered, IndexChange, RankedEffect, Unexplained};
+use cardiotwin_schemas::discover::{
+    BY_CHANCE, Discovered, EffectClass, IndexChange, RankedEffect, Unexplained, Verdict,
+};
 
 use super::words::{digits, place, plain, split_unit, strength, worst};
 
@@ -13,16 +15,19 @@ const N_TOLD: usize = 4;
 /// The whole finding in a paragraph.
 #[must_use]
 pub fn summary(found: &Discovered) -> String {
-    let findings = &found.findings;
-    let sentences = match (&findings.unexplained, findings.accepted.as_slice()) {
-        (Some(gap), []) => vec![nameless(gap)],
-        (_, []) => vec![nothing(found)],
-        (_, names) => named(found, names),
+    let sentences = match found.findings.verdict() {
+        Verdict::Named => named(found),
+        Verdict::OneOf(class) => one_of(found, class),
+        Verdict::Unexplained(gap) => vec![nameless(gap)],
+        Verdict::Undecided => undecided(found),
+        Verdict::Gap(gap) => vec![remains(gap)],
+        Verdict::Nothing => vec![nothing(found)],
     };
     sentences.join(" ")
 }
 
-fn nameless(gap: &Unexplained) -> String {
+/// Where a gap without a name is, and what explains most of it.
+fn where_it_is(gap: &Unexplained) -> String {
     let lead = gap.depends_on.first().map_or(String::new(), |d| {
         let share = 100.0 * d.share;
         let variable = plain(&d.variable);
@@ -31,30 +36,72 @@ fn nameless(gap: &Unexplained) -> String {
             d.signal
         )
     });
-    let place = place(&gap.place);
-    format!(
-        "Model and data disagree, but no effect of the catalogue explains the gap: {place}{lead}."
-    )
+    format!("{}{lead}", place(&gap.place))
 }
 
-/// Probability up to which chance does not explain the best candidate's evidence.
-const BY_CHANCE: f64 = 0.05;
+fn nameless(gap: &Unexplained) -> String {
+    let place = where_it_is(gap);
+    format!("Model and data disagree, but no effect of the catalogue explains the gap: {place}.")
+}
+
+/// A gap that named effects leave, or that is too small to be called unexplained.
+fn remains(gap: &Unexplained) -> String {
+    let place = where_it_is(gap);
+    format!("A gap remains that no effect of the catalogue explains: {place}.")
+}
+
+fn one_of(found: &Discovered, class: &EffectClass) -> Vec<String> {
+    let findings = &found.findings;
+    let told: Vec<String> = (class.effects.iter())
+        .filter_map(|name| findings.effects.iter().find(|e| e.name == *name))
+        .map(|effect| {
+            let (name, strength) = (plain(&effect.name), strength(effect));
+            format!("{name} ({strength}, probability {:.2})", effect.probability)
+        })
+        .collect();
+    let mut sentences = vec![format!(
+        "One of these effects is missing, but the data do not tell which: {}.",
+        told.join(" or ")
+    )];
+    sentences.extend(decides(found));
+    sentences.extend(findings.remaining.as_ref().map(remains));
+    sentences
+}
+
+fn undecided(found: &Discovered) -> Vec<String> {
+    let findings = &found.findings;
+    let (gap, p) = (findings.gap_before, p_in_words(findings.p_value));
+    let best = (findings.effects.first()).map_or(String::new(), |effect| {
+        let (name, probability) = (plain(&effect.name), effect.probability);
+        format!(", {name} (probability {probability:.2}),")
+    });
+    let chance = if findings.p_value < BY_CHANCE {
+        format!("is better by more than chance ({p})")
+    } else {
+        format!("is likelier than all else, though chance alone may give as much ({p})")
+    };
+    let mut sentences = vec![format!(
+        "Undecided: the base model follows the data to {gap:.2} times the noise, and the best candidate{best} {chance}, \
+         but none is accepted."
+    )];
+    sentences.extend(decides(found));
+    sentences.extend(findings.remaining.as_ref().map(remains));
+    sentences
+}
 
 fn nothing(found: &Discovered) -> String {
     let (gap, p) = (found.findings.gap_before, found.findings.p_value);
-    if p < BY_CHANCE {
-        // A small p and "nothing" contradict each other: something is there that no rule accepts.
-        return format!(
-            "Undecided: the base model follows the data to {gap:.2} times the noise, and the best candidate is better by more \
-             than chance ({}), but none is accepted.",
-            p_in_words(p)
-        );
-    }
     format!(
         "Nothing is missing: the base model follows the data to {gap:.2} times the noise, and no candidate is better by more \
          than chance ({}).",
         p_in_words(p)
     )
+}
+
+/// Measurements that would decide, the best first.
+fn decides(found: &Discovered) -> Option<String> {
+    let list = &found.findings.deciding_measurement;
+    (!list.is_empty()).then(|| format!("These measurements would decide: {}.", list.join("; ")))
 }
 
 /// A probability with two digits; it is never zero, because the number of draws bounds it.
@@ -67,14 +114,16 @@ pub fn p_in_words(p: f64) -> String {
     }
 }
 
-fn named(found: &Discovered, names: &[String]) -> Vec<String> {
-    let effects: Vec<&RankedEffect> = (names.iter())
+fn named(found: &Discovered) -> Vec<String> {
+    let effects: Vec<&RankedEffect> = (found.findings.accepted.iter())
         .filter_map(|name| found.findings.effects.iter().find(|e| e.name == *name))
         .collect();
     let told: Vec<String> = (effects.iter())
         .map(|effect| {
             let (name, strength) = (plain(&effect.name), strength(effect));
-            format!("{name}: {strength}, probability {:.2}", effect.probability)
+            let instead = instead(found, &effect.name);
+            let probability = effect.probability;
+            format!("{name}: {strength}, probability {probability:.2}{instead}")
         })
         .collect();
     let places: Vec<String> = worst(found, 2).into_iter().map(place).collect();
@@ -87,6 +136,7 @@ fn named(found: &Discovered, names: &[String]) -> Vec<String> {
         gap(found),
     ];
     sentences.extend(rivals(found));
+    sentences.extend(found.findings.remaining.as_ref().map(remains));
     sentences.extend(changes(found));
     let artefacts: Vec<String> = (effects.iter())
         .filter(|effect| effect.artefact)
@@ -99,6 +149,20 @@ fn named(found: &Discovered, names: &[String]) -> Vec<String> {
         ));
     }
     sentences
+}
+
+/// The other effects of a named effect's class, which may be missing in its place.
+fn instead(found: &Discovered, effect: &str) -> String {
+    let others = |class: &EffectClass| -> String {
+        let names = class.effects.iter().filter(|name| *name != effect);
+        names
+            .map(|name| plain(name))
+            .collect::<Vec<_>>()
+            .join(" or ")
+    };
+    (found.findings.class_of(effect)).map_or(String::new(), |class| {
+        format!(" (or, as these data do not tell, {})", others(class))
+    })
 }
 
 /// How far model and data are apart without and with the effects.
@@ -123,7 +187,7 @@ fn gap(found: &Discovered) -> String {
 fn rivals(found: &Discovered) -> Option<String> {
     let findings = &found.findings;
     if findings.confusable.is_empty() {
-        return None;
+        return decides(found);
     }
     let rivals: Vec<String> = findings.confusable.iter().map(|name| plain(name)).collect();
     let next = if findings.deciding_measurement.is_empty() {
@@ -174,7 +238,9 @@ fn changes(found: &Discovered) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use cardiotwin_findings::{effect, finding, kick, nothing, unexplained};
+    use cardiotwin_findings::{
+        effect, finding, gap, kick, likely, nothing, one_of_two, unexplained,
+    };
 
     use super::*;
 
@@ -205,6 +271,30 @@ mod tests {
         let text = summary(&small);
         assert!(
             text.starts_with("Undecided") && text.contains("p < 0.001"),
+            "{text}"
+        );
+        assert!(summary(&gap()).starts_with("A gap remains that no effect"));
+        let text = summary(&likely());
+        assert!(
+            text.starts_with("Undecided") && text.contains("atrial kick (probability 0.91)"),
+            "{text}"
+        );
+        let text = summary(&one_of_two());
+        assert!(
+            text.starts_with("One of these effects is missing")
+                && text.contains("would decide: QRS."),
+            "{text}"
+        );
+        let mut open = kick();
+        open.findings.remaining = unexplained().findings.unexplained;
+        open.findings.classes = vec![EffectClass {
+            effects: vec!["atrial_kick".to_owned(), "viscoelasticity".to_owned()],
+            probability: 0.99,
+        }];
+        let text = summary(&open);
+        assert!(
+            text.contains("probability 0.98 (or, as these data do not tell, viscoelasticity)")
+                && text.contains("A gap remains that no effect"),
             "{text}"
         );
         let mut idle = kick();

@@ -1,6 +1,6 @@
 //! Names, values and places of a search's findings in words.
 
-use cardiotwin_schemas::discover::{Discovered, Place, RankedEffect, Side};
+use cardiotwin_schemas::discover::{Discovered, Place, RankedEffect, Side, Verdict};
 
 /// A name such as `isovolumic_relaxation` with spaces in place of underscores.
 #[must_use]
@@ -36,6 +36,33 @@ pub fn unconfirmed(found: &Discovered) -> &'static str {
     match found.findings.confirmed() {
         Some(false) => UNCONFIRMED,
         _ => "",
+    }
+}
+
+/// What is missing, in a few words: the effects, each with its class, or why none is named.
+///
+/// - `name`: form of an effect's name
+#[must_use]
+pub fn missing(found: &Discovered, name: impl Fn(&str) -> String) -> String {
+    let findings = &found.findings;
+    let any_of = |effects: &[String]| {
+        let names: Vec<String> = effects.iter().map(|effect| name(effect)).collect();
+        names.join(" or ")
+    };
+    match findings.verdict() {
+        Verdict::Named => {
+            let of = |effect: &String| {
+                let class = findings.class_of(effect);
+                class.map_or_else(|| name(effect), |class| any_of(&class.effects))
+            };
+            let names: Vec<String> = findings.accepted.iter().map(of).collect();
+            format!("{}{}", names.join(" + "), unconfirmed(found))
+        }
+        Verdict::OneOf(class) => any_of(&class.effects),
+        Verdict::Unexplained(_) => "unexplained".to_owned(),
+        Verdict::Undecided => "undecided".to_owned(),
+        Verdict::Gap(_) => "a gap that no effect explains".to_owned(),
+        Verdict::Nothing => "none".to_owned(),
     }
 }
 
