@@ -52,7 +52,6 @@ use super::{
 use crate::dispatch;
 pub use cardiotwin_store::cluster_jobs::{ClusterReport, REPORT};
 
-use crate::mesh_size::MeshSizes;
 use cardiotwin_workflow::cluster_job::Element;
 use decide::{EffectResult, Observation, Phase, ProcessIdentity, Question, State};
 pub use disk_need::DiskNeed;
