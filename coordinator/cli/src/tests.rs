@@ -73,10 +73,11 @@ fn every_command_with_a_table_has_json() {
 }
 
 /// Commands that make a page for a browser.
-const PAGES: [&str; 9] = [
+const PAGES: [&str; 10] = [
     "dashboard",
     "discover",
     "init",
+    "predict",
     "prepare",
     "report",
     "run",

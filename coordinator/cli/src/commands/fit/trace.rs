@@ -38,7 +38,7 @@ impl Accepted<'_> {
         let mut found = contradictions(facts, self.rules, file);
         for problem in &mut found {
             problem.key = Some(match problem.key.as_deref() {
-                Some("measured.calcium") => Quantity::Calcium.column().to_owned(),
+                Some("measured.calcium") => "calcium_uM".to_owned(),
                 Some("measured.aortic_flow") => Quantity::Flow.column().to_owned(),
                 Some("measured.aortic_pressure") => Quantity::Pressure.column().to_owned(),
                 _ => self.option.to_owned(),
