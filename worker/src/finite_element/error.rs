@@ -51,7 +51,7 @@ pub enum FiniteElementError {
         /// Centroid of this element.
         at_mm: [f64; 3],
         /// Work of the search and its last failure.
-        source: PassiveStateError,
+        source: Box<PassiveStateError>,
     },
     /// A file of a ventricle is not usable.
     #[error("cannot use {file}")]
@@ -129,7 +129,7 @@ impl FiniteElementError {
         Self::TooMuchWork {
             mean_ratio: flattest.as_ref().map_or(f64::NAN, ratio),
             at_mm: flattest.map_or([f64::NAN; 3], |e| mesh.centroid_mm(e)),
-            source,
+            source: Box::new(source),
         }
     }
 

@@ -79,8 +79,13 @@ impl Books {
                         verdict.to_string()
                     }
                     (Some(verdict), Some(summary)) => {
-                        // The verdict first: a narrow table cuts the rest off.
-                        format!("{verdict}; step 1 {summary}{}", why_stalled(summary))
+                        // A narrow table cuts long notes off, so the verdict's numbers come last.
+                        let verdict = verdict.to_string();
+                        let step1 = format!("step 1 {summary}{}", why_stalled(summary));
+                        match verdict.split_once(": ") {
+                            Some((headline, off)) => format!("{headline}; {step1}; {off}"),
+                            None => format!("{verdict}; {step1}"),
+                        }
                     }
                     (Some(verdict), None) => verdict.to_string(),
                     (None, Some(summary)) => {

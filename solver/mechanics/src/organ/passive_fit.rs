@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::passive_state::{PassiveState, PassiveStateError};
+use super::passive_state::PassiveState;
+use super::passive_state_error::PassiveStateError;
 use super::piece::Piece;
 use super::search::Search;
 use super::wall::WallParameters;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::anatomy::Anatomy;
 use super::end_diastole::EndDiastole;
 use super::passive_fit::{PassiveFit, Slope, fit, stiffened};
-use super::passive_state::PassiveStateError;
+use super::passive_state_error::PassiveStateError;
 use super::piece::{Piece, parts_of};
 use super::search::Search;
 use super::wall::WallParameters;

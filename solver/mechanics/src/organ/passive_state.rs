@@ -6,12 +6,13 @@
 
 use std::ops::ControlFlow;
 
-use cardiotwin_linalg::parallel::{PartitionError, RankFailure, VectorLayout};
+use cardiotwin_linalg::parallel::VectorLayout;
 
+use super::passive_state_error::PassiveStateError;
 use super::piece::Piece;
 use super::rigid::rigid_motion;
-use super::search::{Place, Search, SearchWork};
-use super::wall::{WallError, WallParameters, displacement};
+use super::search::{Place, Search};
+use super::wall::{WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::step::{Closure, Passive, Solver, StepError, StepReport, StepSettings, step_watched};
 use crate::time_integration::Motion;
@@ -25,113 +26,6 @@ const NEAR_MM: f64 = 0.5;
 const SMALLEST_SHARE: f64 = 0.1;
 /// Maximum number of steps of a relaxation.
 const MOST_RELAXATIONS: usize = 60;
-
-/// Reasons why no passive state was found.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum PassiveStateError {
-    /// The wall could not be built.
-    #[error("cannot build the wall")]
-    Wall(#[from] WallError),
-    /// The mesh cannot be partitioned among the ranks.
-    #[error("cannot divide the mesh among the ranks")]
-    Parts(#[from] PartitionError),
-    /// The system starts no thread for a rank.
-    #[error(transparent)]
-    Rank(#[from] RankFailure),
-    /// The watcher stopped the search.
-    #[error("stopped")]
-    Stopped,
-    /// The search took more work than [`super::UnloadingSettings::most_work`].
-    #[error(
-        "no passive state found in {} Newton and {} linear iterations, with {trials} laws and {passes} passes; given up at \
-         {pressure_kpa:.2} kPa", work.newton_iterations, work.krylov_iterations
-    )]
-    TooMuchWork {
-        /// Work until then.
-        work: SearchWork,
-        /// Number of passive laws tried.
-        trials: usize,
-        /// Number of passes of the unloading.
-        passes: usize,
-        /// Pressure of the equilibrium that was sought last \[kPa\].
-        pressure_kpa: f64,
-        /// Failure of the last equilibrium that was not found, if there was one.
-        source: Option<StepError>,
-    },
-    /// The inflation did not reach its pressure.
-    #[error("no equilibrium found beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]
-    Inflation {
-        /// Pressure of the last equilibrium \[kPa\].
-        reached_kpa: f64,
-        /// Pressure to which the wall was to be inflated \[kPa\].
-        wanted_kpa: f64,
-        /// Failure of the smallest load step.
-        source: StepError,
-    },
-    /// The search for the unloaded geometry did not converge.
-    #[error(
-        "no unloaded geometry found after {passes} passes: relative volume error {volume_error:.1e}, largest node \
-         error {distance_mm:.2} mm"
-    )]
-    NotUnloaded {
-        /// Number of passes of the unloading.
-        passes: usize,
-        /// Relative difference between the inflated volume and the volume of the image.
-        volume_error: f64,
-        /// Largest distance of a node from its place in the image \[mm\].
-        distance_mm: f64,
-    },
-    /// No law meets the three points.
-    #[error(
-        "no stiffness and exponents give {wanted_ml:.2} mL at end-diastole and {wanted_unloaded_ml:.2} mL without \
-         pressure: the closest give {found_ml:.2} and {found_unloaded_ml:.2} mL (NaN means no equilibrium)"
-    )]
-    NoLaw {
-        /// Wanted end-diastolic volume \[mL\].
-        wanted_ml: f64,
-        /// Wanted unloaded volume \[mL\].
-        wanted_unloaded_ml: f64,
-        /// End-diastolic volume reached \[mL\].
-        found_ml: f64,
-        /// Unloaded volume reached \[mL\].
-        found_unloaded_ml: f64,
-    },
-    /// The fit needs exponents, but the law has only a stiffness.
-    #[error(
-        "the {law} law of muscle has no exponents, which are needed to match two volumes (end-diastolic and \
-         unloaded) or are changed by an effect; expected Guccione's or Holzapfel and Ogden's law"
-    )]
-    NoExponents {
-        /// Name of the law.
-        law: &'static str,
-    },
-    /// No stiffness in the range gives the wanted volume.
-    #[error(
-        "no stiffness gives a volume of {wanted_ml:.2} mL: {low_kpa:.3} kPa gives {at_low_ml:.2} mL, {high_kpa:.3} \
-         kPa gives {at_high_ml:.2} mL (NaN means no equilibrium); the volumes and pressures of image and \
-         end-diastole do not fit this law"
-    )]
-    NoStiffness {
-        /// Lower end of the stiffness range \[kPa\].
-        low_kpa: f64,
-        /// Upper end of the stiffness range \[kPa\].
-        high_kpa: f64,
-        /// Volume that the stiffness has to give \[mL\].
-        wanted_ml: f64,
-        /// Volume at the lower end \[mL\].
-        at_low_ml: f64,
-        /// Volume at the upper end \[mL\].
-        at_high_ml: f64,
-    },
-}
-
-impl PassiveStateError {
-    /// Whether the search has to end, whatever else could be tried.
-    #[must_use]
-    pub fn ends_the_search(&self) -> bool {
-        matches!(self, Self::Stopped | Self::TooMuchWork { .. })
-    }
-}
 
 /// A wall with its unloaded geometry, in equilibrium under a pressure.
 #[derive(Debug)]
@@ -231,6 +125,14 @@ impl PassiveState {
         self.dynamics.body.reference().as_chunks::<3>().0
     }
 
+    /// Place in the search of an equilibrium at `pressure_kpa`.
+    fn place(&self, pressure_kpa: f64) -> Place {
+        Place {
+            passes: self.passes,
+            pressure_kpa,
+        }
+    }
+
     /// Solves for equilibrium at `pressure_kpa` from `guess` in a single step. The outer error ends the search.
     fn settle(
         &mut self,
@@ -271,10 +173,7 @@ impl PassiveState {
             given.pressure_kpa = self.right_per_left * pressure_kpa;
         }
         let mut closure = Closure::Pressure(pressure_kpa);
-        let place = Place {
-            passes: self.passes,
-            pressure_kpa,
-        };
+        let place = self.place(pressure_kpa);
         let (mut counted, mut ended) = (StepReport::default(), None);
         let mut watch = |report: &StepReport| match search.iterate(
             &*self.dynamics.comm,
@@ -329,7 +228,7 @@ impl PassiveState {
         let mut dt_ms = 2.0;
         let mut last = None;
         for _ in 0..MOST_RELAXATIONS {
-            search.go_on(self, pressure_kpa)?;
+            search.go_on(&*self.dynamics.comm, self.place(pressure_kpa))?;
             match self.settle_within(dt_ms, self.u.clone(), pressure_kpa, search)? {
                 Ok(()) if dt_ms >= FOREVER_MS => return Ok(()),
                 Ok(()) if dt_ms > 1e3 => dt_ms = FOREVER_MS,
@@ -384,7 +283,7 @@ impl PassiveState {
                     .collect(),
                 None => self.u.clone(),
             };
-            search.go_on(self, p)?;
+            search.go_on(&*self.dynamics.comm, self.place(p))?;
             let here = self.u.clone();
             match self.settle(guess, p, search)? {
                 Ok(()) => {
@@ -428,7 +327,7 @@ impl PassiveState {
         search: &mut Search<'_>,
     ) -> Result<(), PassiveStateError> {
         if let Some(expected) = expected {
-            search.go_on(self, pressure_kpa)?;
+            search.go_on(&*self.dynamics.comm, self.place(pressure_kpa))?;
             let guess = expected
                 .iter()
                 .zip(self.dynamics.body.reference())
@@ -543,7 +442,7 @@ impl PassiveState {
         let mut last_mm = f64::INFINITY;
         let mut mixing = Mixing::default();
         for pass in 1.. {
-            search.go_on(self, pressure_kpa)?;
+            search.go_on(&*self.dynamics.comm, self.place(pressure_kpa))?;
             let guess = displacement(&piece.anatomy.nodes, self.unloaded());
             match self.settle(guess.clone(), pressure_kpa, search)? {
                 Ok(()) => {}

@@ -5,7 +5,8 @@ use std::ops::ControlFlow;
 use cardiotwin_linalg::parallel::Communicator;
 
 use super::anatomy::Anatomy;
-use super::passive_state::{PassiveState, PassiveStateError};
+use super::passive_state_error::PassiveStateError;
+use super::search_work::SearchWork;
 use crate::element::kernel::VolumeChange;
 use crate::newton::LinearSolver;
 use crate::step::{StepError, StepReport, StepSettings};
@@ -103,22 +104,6 @@ impl UnloadingSettings {
     }
 }
 
-/// Work of a search, that of failed equilibria included.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SearchWork {
-    /// Number of Newton iterations.
-    pub newton_iterations: usize,
-    /// Number of iterations of linear solvers.
-    pub krylov_iterations: usize,
-}
-
-impl SearchWork {
-    fn exceeds(self, most: Self) -> bool {
-        self.newton_iterations > most.newton_iterations
-            || self.krylov_iterations > most.krylov_iterations
-    }
-}
-
 /// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchProgress {
@@ -188,17 +173,13 @@ pub(super) struct Place {
 }
 
 impl Search<'_> {
-    /// Asks the watcher before an equilibrium at `pressure_kpa`; an error ends the search. Collective.
+    /// Asks the watcher before an equilibrium; an error ends the search. Collective.
     pub(super) fn go_on(
         &mut self,
-        state: &PassiveState,
-        pressure_kpa: f64,
+        comm: &dyn Communicator,
+        place: Place,
     ) -> Result<(), PassiveStateError> {
-        let place = Place {
-            passes: state.passes,
-            pressure_kpa,
-        };
-        self.ask(&*state.dynamics.comm, place, None)
+        self.ask(comm, place, None)
     }
 
     /// Counts the work since the last call and asks the watcher; an error ends the search. Collective.
