@@ -15,10 +15,11 @@ use crate::step::{StepError, StepReport, StepSettings};
 /// the plain penalty.
 const FACTORISED_UP_TO: [usize; 2] = [3000, 20_000];
 
-/// Work after which a search is given up: several times that of a heart that needs many laws and load steps.
+/// Work after which a search is given up. Of 39 hearts of 1,000 nodes, the longest search took 341 Newton iterations; at 8,000
+/// nodes multigrid takes 60 linear iterations for one of Newton's (03-CoA). Thrice their product leaves room for finer meshes.
 const MOST_WORK: SearchWork = SearchWork {
     newton_iterations: 2500,
-    krylov_iterations: 20_000,
+    krylov_iterations: 60_000,
 };
 
 /// Settings of the search for an unloaded geometry.
