@@ -180,7 +180,7 @@ fn step_0_on_two_ranks_is_that_on_two_threads_and_is_heard_when_it_has_to_stop()
         .expect("the launcher starts");
     let progress = || fs::read_to_string(directory.join("progress.jsonl")).unwrap_or_default();
     until(&mut child, "begun to unload", || {
-        progress().contains("Newton iterations so far")
+        progress().contains("linear iterations so far")
     });
     let claim: serde_json::Value =
         serde_json::from_slice(&fs::read(directory.join("started.json")).expect("a claim"))
