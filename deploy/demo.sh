@@ -12,7 +12,7 @@ echo "== the afterload of a measured aorta ($folder/afterload.svg)"
 "$cardiotwin" fit afterload $record/flow.csv $record/pressure.csv --plot "$folder/afterload.svg"
 
 echo; echo "== an effect that the model lacks in examples/hidden-effect"
-# Kept beside the cohort, so that the cohort's report shows it.
+# Kept next to the cohort, so that the cohort's report shows it.
 "$cardiotwin" discover examples/hidden-effect --run-dir "$cohort/discover" --json "$folder/hidden-effect.json"
 effect=$(grep -A 1 '"accepted": \[' "$folder/hidden-effect.json" | sed -n '2s/[ ",]//gp')
 

@@ -17,17 +17,14 @@ const HEAD_BYTES: u64 = 1 << 20;
 /// state it, the requested number is used: it decides the resources of a job, not the results.
 #[must_use]
 pub fn nodes(plan: &ResolvedPatient) -> u32 {
-    own_file(plan)
-        .and_then(|file| of_file(&file.path))
-        .unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
+    of_step0(&plan.step0).unwrap_or(plan.settings.solver.finite_element.mesh_nodes)
 }
 
-/// Number of nodes of the patient's own mesh of which step 0 makes the ventricle; `None` without such
-/// a mesh, or if its file does not state it.
+/// Number of nodes of the patient's own mesh in step 0; `None` without such a mesh, or if its file does
+/// not state the number.
 #[must_use]
 pub fn of_step0(spec: &PassiveStateSpec) -> Option<u32> {
-    let own = spec.own_mesh.as_ref()?;
-    of_file(&own.files.first()?.path)
+    of_file(&own_file(spec)?.path)
 }
 
 /// Numbers of nodes of patients' own meshes, each read once; `None` for a file that does not state
@@ -46,7 +43,7 @@ impl MeshSizes {
 
     /// File of a patient's own mesh, unless it is known or the mesh is generated.
     pub fn unknown(&self, plan: &ResolvedPatient) -> Option<PathBuf> {
-        let file = own_file(plan)?;
+        let file = own_file(&plan.step0)?;
         (!self.0.contains_key(&file.path)).then(|| file.path.clone())
     }
 
@@ -57,17 +54,14 @@ impl MeshSizes {
 
     /// Number of nodes of a patient's mesh. A mesh whose file was not read counts as generated.
     pub fn nodes(&self, plan: &ResolvedPatient) -> u32 {
-        let known = own_file(plan).and_then(|file| self.0.get(&file.path));
+        let known = own_file(&plan.step0).and_then(|file| self.0.get(&file.path));
         let generated = plan.settings.solver.finite_element.mesh_nodes;
         known.copied().flatten().unwrap_or(generated)
     }
 }
 
-fn own_file(plan: &ResolvedPatient) -> Option<&InputFile> {
-    plan.step0
-        .own_mesh
-        .as_ref()
-        .and_then(|own| own.files.first())
+fn own_file(spec: &PassiveStateSpec) -> Option<&InputFile> {
+    spec.own_mesh.as_ref()?.files.first()
 }
 
 /// Number of nodes that the file of a mesh states.

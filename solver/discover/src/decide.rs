@@ -21,7 +21,7 @@ use crate::unexplained::nameless_gap;
 use cardiotwin_vocabulary::findings::{Confusable, Findings};
 use std::collections::BTreeMap;
 
-/// Evidence from which a gap without a name is told in the place of a name: "very strong" (Kass and
+/// Evidence from which a gap without a name is reported instead of a name: "very strong" (Kass and
 /// Raftery 1995).
 const CLEAR_GAP: f64 = 10.0;
 

@@ -59,7 +59,7 @@ impl SearchStage {
         of(&self.own) + self.with.iter().flatten().map(of).sum::<usize>()
     }
 
-    /// The last stage that lacks an effect, where it was fitted: beside the others.
+    /// The last stage that lacks an effect, where it was fitted next to the others.
     #[must_use]
     pub fn lacking(stages: &[Self], term: usize) -> &Self {
         (stages.iter().rev())

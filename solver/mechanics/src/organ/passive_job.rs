@@ -41,7 +41,7 @@ pub struct FoundState {
     pub unloaded_volume_mm3: f64,
     /// Number of Newton iterations, all inflations together.
     pub newton_iterations: usize,
-    /// Number of iterations of linear solvers, those of failed equilibria included.
+    /// Number of iterations of linear solvers, including those of failed equilibria.
     pub krylov_iterations: usize,
     /// Number of passes of the unloading, all together.
     pub passes: usize,

@@ -1,6 +1,6 @@
 //! Work of a search for a passive state, in iterations.
 
-/// Work of a search, that of failed equilibria included.
+/// Work of a search, including failed equilibria.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SearchWork {
     /// Number of Newton iterations.

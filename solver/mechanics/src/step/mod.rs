@@ -235,7 +235,7 @@ impl From<Disagreement<ContractionError>> for StepError {
     }
 }
 
-/// Sees the work so far before each linear system and decides whether the step goes on, on all ranks alike. Collective.
+/// Sees the work so far before each linear system and decides whether the step continues, on all ranks alike. Collective.
 pub type Watch<'a> = dyn FnMut(&StepReport) -> ControlFlow<()> + 'a;
 
 /// Share of Newton's tolerance that a linear solve, or a guess without a solve, may leave: more would add up from step to step.

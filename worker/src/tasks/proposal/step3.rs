@@ -126,10 +126,10 @@ pub fn run(spec: &Step3ProposalSpec, context: &mut Context) -> Result<TaskResult
     let intervals: Vec<Interval> = axes.iter().map(|axis| axis.interval).collect();
     let prior: Vec<Prior> = axes.iter().map(|axis| axis.prior).collect();
     let start: Vec<f64> = prior.iter().map(|prior| prior.centre).collect();
-    // The law is learned from step 1's beats, so that their factors would count twice.
-    let expected = match spec.step1.as_ref().filter(|_| organ.law.is_none()) {
+    // The law has learned from step 1's beats, so their factors would count twice.
+    let expected = match &spec.step1 {
+        _ if has_law => Biomarker::OF_ORGAN.map(of_first_beat),
         Some(of_step1) => expected(of_step1, &beat, &organ),
-        None if organ.law.is_some() => Biomarker::OF_ORGAN.map(of_first_beat),
         None => [1.0; Biomarker::OF_ORGAN.len()],
     };
     let evolution = if spec.runs.len() > 1 { NEARBY } else { FAR };

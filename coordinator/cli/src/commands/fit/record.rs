@@ -187,7 +187,7 @@ pub fn read_from(
     };
     let mut broken = accepted.doubts(&of_flow, flow);
     broken.extend(accepted.doubts(&of_pressure, pressure));
-    // A misspelt name is told for each file.
+    // A misspelt name is reported for each file.
     broken.dedup_by(|a, b| a.key.as_deref() == Some(accepted.option) && a.found == b.found);
     trace::checked(broken, talk)?;
     let doubts = doubts(&q, &p);
