@@ -3,6 +3,7 @@
 
 use crate::finite_element::VentricleFigures;
 use crate::ids::TaskKey;
+use crate::input_file::InputFile;
 use crate::organ::CellStretch;
 use cardiotwin_vocabulary::organ_law::LawPrior;
 use schemars::JsonSchema;
@@ -32,6 +33,17 @@ pub struct LawSamples {
     /// Active stress along the same pattern: the mean of the product of both.
     #[serde(rename = "stress_deviation_kPa")]
     pub stress_deviation_kpa: Vec<f64>,
+}
+
+/// What is known about the law of an organ.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LawKnowledge {
+    /// Samples of the organ's beats, oldest first.
+    pub beats: Vec<LawSamples>,
+    /// File of the law before the organ's first beat; absent for the law of the program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub prior: Option<InputFile>,
 }
 
 /// What an organ's beats teach about the organ's law.

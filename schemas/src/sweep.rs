@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::biomarkers::Biomarker;
 use crate::ids::PatientId;
 use crate::organ_beat::OrganBeatSpec;
+use crate::organ_law::LawKnowledge;
 use crate::robustness::RobustnessSpec;
 
 /// `sweep.json` in the folder of a sweep, next to the database of the run.
@@ -92,6 +93,9 @@ pub struct SweptOrgan {
     /// Beat in which the samples replace parameters. Only the figures of a finite-element ventricle
     /// are used.
     pub beat: OrganBeatSpec,
+    /// What is known about the organ's law; absent for the one-fibre ventricle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<LawKnowledge>,
 }
 
 impl CellDesign {

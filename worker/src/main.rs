@@ -56,8 +56,8 @@ enum Command {
         /// activation
         #[arg(long)]
         one_fibre: bool,
-        /// Replace the finite-element ventricle of a beat by the law of the organ that is learned from the samples in
-        /// this JSON file, a list of the objects `law` of outcomes of the organ's beats
+        /// Replace the finite-element ventricle of a beat by the law of the organ. This JSON file has a list `beats`
+        /// of the objects `law` of outcomes of the organ's beats, and may have the law before them, `prior`
         #[arg(long, value_name = "FILE", conflicts_with = "one_fibre")]
         law: Option<PathBuf>,
         /// Continue the search of step 2 from the checkpoints in another attempt's directory; only settings that

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use cardiotwin_protocol::exit_code;
 use cardiotwin_schemas::formats::SPEC;
-use cardiotwin_schemas::organ_law::LawSamples;
+use cardiotwin_schemas::organ_law::LawKnowledge;
 use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 use tracing::Level;
 
@@ -62,14 +62,16 @@ pub fn read_task(file: &Path) -> anyhow::Result<TaskSpec> {
     read.with_context(|| format!("{place}: not the specification of a task"))
 }
 
-/// Reads samples of beats from which the organ's law is learned.
+/// Reads what is known about the law of an organ.
 ///
 /// # Errors
-/// When the file cannot be read or does not hold a list of samples; the error names it.
-pub fn read_law(file: &Path) -> anyhow::Result<Vec<LawSamples>> {
+/// When the file cannot be read or has another content; the error names it.
+pub fn read_law(file: &Path) -> anyhow::Result<LawKnowledge> {
     let (place, text) = (file.display(), self::read(file)?);
     serde_json::from_str(&text).with_context(|| {
-        format!("{place}: not a list of a law's samples, such as [law] of outcomes of organ beats")
+        format!(
+            "{place}: expected an object whose list `beats` has the `law` of outcomes of organ beats"
+        )
     })
 }
 

@@ -9,7 +9,7 @@ use cardiotwin_protocol::names;
 use cardiotwin_schemas::failure::{Failure, FailureClass};
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
-use cardiotwin_schemas::organ_law::LawSamples;
+use cardiotwin_schemas::organ_law::LawKnowledge;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome};
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::TaskSpec;
@@ -75,12 +75,11 @@ pub fn simulate(task: &TaskSpec, context: Context) -> TaskOutcome {
     alone(task, context, |context| run_task(task, context))
 }
 
-/// As [`simulate`], with the law that the samples teach in place of a beat's finite-element
-/// ventricle.
+/// As [`simulate`], with the organ's law in place of a beat's finite-element ventricle.
 #[must_use]
-pub fn simulate_in_law(task: &TaskSpec, samples: &[LawSamples], context: Context) -> TaskOutcome {
+pub fn simulate_in_law(task: &TaskSpec, known: &LawKnowledge, context: Context) -> TaskOutcome {
     alone(task, context, |context| match task {
-        TaskSpec::OrganBeat(beat) => in_law(beat, samples, context),
+        TaskSpec::OrganBeat(beat) => in_law(beat, known, context),
         _ => run_task(task, context),
     })
 }

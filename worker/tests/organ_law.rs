@@ -10,7 +10,7 @@ use cardiotwin_models::ventricle::PassiveLaw as _;
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
 use cardiotwin_schemas::finite_element::{FiniteElementSettings, VentricleFigures};
 use cardiotwin_schemas::organ::{ContractionSpec, OrganSpec, Step1Parameters};
-use cardiotwin_schemas::organ_law::{LawSamples, N_LAW_SAMPLES};
+use cardiotwin_schemas::organ_law::{LawKnowledge, LawSamples, N_LAW_SAMPLES};
 use cardiotwin_schemas::outcome::{Ending, TaskResult};
 use cardiotwin_schemas::task::{OrganBeatSpec, PassiveStateSpec, Step1ProposalSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg};
@@ -125,7 +125,11 @@ fn the_law_of_one_beat_predicts_another_one_and_is_proposed_in() {
     // The law simulates the unseen beat in the ventricle's place.
     let task = TaskSpec::OrganBeat(Box::new(beat(&weaker)));
     let context = Context::plain(folder.path(), 1);
-    let outcome = simulate_in_law(&task, std::slice::from_ref(&known), context);
+    let knowledge = LawKnowledge {
+        beats: vec![known.clone()],
+        prior: None,
+    };
+    let outcome = simulate_in_law(&task, &knowledge, context);
     let Ending::Succeeded { result: simulated } = outcome.ending else {
         panic!("{:?}", outcome.ending)
     };

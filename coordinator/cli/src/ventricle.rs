@@ -10,7 +10,7 @@ use cardiotwin_report::results::PatientView;
 use cardiotwin_schemas::formats::OUTCOME;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, ValveParameters};
-use cardiotwin_schemas::organ_law::LawSamples;
+use cardiotwin_schemas::organ_law::{LawKnowledge, LawSamples};
 use cardiotwin_schemas::outcome::{
     Ending, OrganBeatResult, PassiveStateResult, TaskOutcome, TaskResult,
 };
@@ -36,7 +36,7 @@ pub enum AskedFor<'a> {
     TheOrgan,
     /// A one-fibre ventricle with the same volumes, pressure and activation.
     OneFibre,
-    /// The law of the organ that is learned from the samples in a file.
+    /// The law of the organ from a file with what is known about it.
     Law(&'a Path),
 }
 
@@ -211,16 +211,17 @@ impl Ventricle {
         Ok((&twin.result, text))
     }
 
-    /// Samples from which the organ's law is learned, those of step 1's beats and of the twin's, as
-    /// for the posterior; `None` without a finite-element beat.
-    pub fn law(&self) -> Option<Vec<LawSamples>> {
+    /// The organ's law of step 1's beats and of the twin's, as for the posterior; `None` without a
+    /// finite-element beat.
+    pub fn law(&self) -> Option<LawKnowledge> {
         let record = self.record.as_ref()?;
         let of_step1 = record.iterations.iter().filter_map(|i| i.run.as_ref());
-        let samples: Vec<LawSamples> = of_step1
+        let beats: Vec<LawSamples> = of_step1
             .chain(record.twin())
             .filter_map(|run| run.result.law.clone())
             .collect();
-        (!samples.is_empty()).then_some(samples)
+        let prior = self.plan.law.clone();
+        (!beats.is_empty()).then_some(LawKnowledge { beats, prior })
     }
 
     /// The twin's posterior; `None` if the run has not sampled it.

@@ -426,6 +426,7 @@ pub(super) mod tests {
         SweptOrgan {
             patient: PatientId::from(patient),
             beat: beat.unwrap(),
+            law: None,
         }
     }
 

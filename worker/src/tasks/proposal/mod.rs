@@ -18,7 +18,7 @@ use cardiotwin_schemas::formats;
 use cardiotwin_schemas::organ::{
     ActivationSpec, CellStretch, OneFibrePassive, OrganSpec, StretchOrigin,
 };
-use cardiotwin_schemas::organ_law::{LawFile, LawSamples};
+use cardiotwin_schemas::organ_law::{LawFile, LawKnowledge, LawSamples};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult};
 use cardiotwin_schemas::settings::{ActivationSettings, SolverSettings};
 use cardiotwin_schemas::task::{InputFile, OrganBeatSpec, TaskSpec};
@@ -92,13 +92,9 @@ pub(crate) fn searched(beat: &OrganBeatSpec) -> OrganBeatSpec {
     }
 }
 
-/// Simulates a beat in the law that samples of its organ's beats teach.
-pub(crate) fn in_law(
-    beat: &OrganBeatSpec,
-    samples: &[LawSamples],
-    context: &mut Context,
-) -> Ending {
-    surrogate(beat, Some(samples), None)
+/// Simulates a beat in its organ's law.
+pub(crate) fn in_law(beat: &OrganBeatSpec, known: &LawKnowledge, context: &mut Context) -> Ending {
+    known_surrogate(beat, Some(known))
         .and_then(|organ| run_reduced(&with_reduced_budget(beat), &organ, context))
         .unwrap_or_else(TaskError::into_ending)
 }
@@ -168,6 +164,15 @@ pub fn surrogate(
     let law = fit_law(&reduced.passive, &features, &beats, &prior)?;
     reduced.law = Some(Arc::new(law));
     Ok(reduced)
+}
+
+/// As [`surrogate`], from what is known about the law; `None` for the one-fibre ventricle.
+pub(crate) fn known_surrogate(
+    beat: &OrganBeatSpec,
+    known: Option<&LawKnowledge>,
+) -> Result<ReducedOrgan, TaskError> {
+    let beats = known.map(|known| &known.beats[..]);
+    surrogate(beat, beats, known.and_then(|known| known.prior.as_ref()))
 }
 
 /// Passive wall of an organ's law, and the features on which its prior depends.

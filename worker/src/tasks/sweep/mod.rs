@@ -41,7 +41,7 @@ pub fn run(spec: &CellSweepSpec, context: &mut Context) -> Result<TaskResult, Ta
             cell::Cells::of(&spec.design, context.instruction_set)?,
             context,
         ),
-        Some(organ) => chunk(spec, organ::Beats::of(&spec.design, &organ.beat)?, context),
+        Some(organ) => chunk(spec, organ::Beats::of(&spec.design, organ)?, context),
     }
 }
 

@@ -1,11 +1,12 @@
-//! The organ with the cell as the model of a sweep: beats of the patient's one-fibre ventricle.
+//! The organ with the cell as the model of a sweep: beats in the organ's law, or of the patient's
+//! one-fibre ventricle.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use cardiotwin_schemas::organ::is_parameter;
 use cardiotwin_schemas::outcome::OrganBeatResult;
-use cardiotwin_schemas::sweep::{CellDesign, ORGAN_SAMPLES_HEADING};
+use cardiotwin_schemas::sweep::{CellDesign, ORGAN_SAMPLES_HEADING, SweptOrgan};
 use cardiotwin_schemas::task::OrganBeatSpec;
 use rayon::ThreadPool;
 use rayon::prelude::*;
@@ -13,7 +14,7 @@ use rayon::prelude::*;
 use super::model::Model;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
-use crate::tasks::proposal::one_fibre;
+use crate::tasks::proposal::known_surrogate;
 
 /// Base beat, from which the samples differ in the swept parameters.
 pub(super) struct Beats {
@@ -26,7 +27,8 @@ impl Beats {
     /// # Errors
     /// [`TaskError`] when the beat is outside the range of the models, or a parameter belongs
     /// neither to the cell nor to the valves.
-    pub(super) fn of(design: &CellDesign, beat: &OrganBeatSpec) -> Result<Self, TaskError> {
+    pub(super) fn of(design: &CellDesign, swept_organ: &SweptOrgan) -> Result<Self, TaskError> {
+        let SweptOrgan { beat, law, .. } = swept_organ;
         let swept: Vec<String> = design.parameters.iter().map(|p| p.name.clone()).collect();
         if let Some(name) = swept
             .iter()
@@ -35,7 +37,7 @@ impl Beats {
         {
             return Err(TaskError::UnknownParameter { name: name.clone() });
         }
-        let organ = one_fibre(&beat.organ)?;
+        let organ = known_surrogate(beat, law.as_ref())?;
         let beat = beat.with_parameters(&design.fixed);
         // Reports errors that are common to all samples: an invalid effect, loads
         // outside the range of the models.
@@ -106,8 +108,9 @@ impl Model for Beats {
 pub(crate) mod tests {
     use super::*;
     use crate::context::Context;
+    use cardiotwin_schemas::organ_law::LawKnowledge;
     use cardiotwin_schemas::outcome::TaskResult;
-    use cardiotwin_schemas::sweep::{SweptOrgan, SweptParameter};
+    use cardiotwin_schemas::sweep::SweptParameter;
     use cardiotwin_schemas::task::CellSweepSpec;
 
     /// A beat of the one-fibre ventricle with Land's cell.
@@ -148,6 +151,7 @@ pub(crate) mod tests {
                 organ: Some(Box::new(SweptOrgan {
                     patient: "p1".into(),
                     beat: beat(),
+                    law: None,
                 })),
             },
             first_block: 1,
@@ -171,16 +175,28 @@ pub(crate) mod tests {
 
     #[test]
     fn a_line_holds_the_beat_of_the_row_s_parameters_on_any_number_of_threads() {
-        let spec = spec();
-        let lines = samples(&spec, 1);
+        lines_hold_beats_of(&spec());
+    }
+
+    #[test]
+    fn beats_of_an_organ_with_a_law_are_simulated_in_it() {
+        let mut in_law = spec();
+        // No beat yet: the law of the prior.
+        in_law.design.organ.as_mut().unwrap().law = Some(LawKnowledge::default());
+        assert_ne!(samples(&in_law, 1), samples(&spec(), 1));
+        lines_hold_beats_of(&in_law);
+    }
+
+    fn lines_hold_beats_of(spec: &CellSweepSpec) {
+        let lines = samples(spec, 1);
         assert_eq!(
             (lines[0].as_str(), lines.len()),
             (ORGAN_SAMPLES_HEADING, 13)
         );
-        assert_eq!(samples(&spec, 3), lines);
+        assert_eq!(samples(spec, 3), lines);
         let organ = spec.design.organ.as_ref().unwrap();
-        let reduced = one_fibre(&organ.beat.organ).unwrap();
-        let row = &super::super::design(&spec, 3).unwrap().rows(1..3)[7];
+        let reduced = known_surrogate(&organ.beat, organ.law.as_ref()).unwrap();
+        let row = &super::super::design(spec, 3).unwrap().rows(1..3)[7];
         let parameters = [
             ("Smax_ref_kPa", row[0]),
             ("R_AV_f_mmHg_s_per_mL", row[1]),
@@ -206,11 +222,7 @@ pub(crate) mod tests {
         let mut refused = spec();
         refused.design.fixed.insert("r_S".into(), 1.5);
         assert!(
-            Beats::of(
-                &refused.design,
-                &refused.design.organ.as_ref().unwrap().beat
-            )
-            .is_err(),
+            Beats::of(&refused.design, refused.design.organ.as_ref().unwrap()).is_err(),
             "no beat at all"
         );
         let mut some = spec();

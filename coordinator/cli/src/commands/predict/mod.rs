@@ -206,7 +206,7 @@ fn predict(
     changes: &[Change],
     worker: &Path,
 ) -> Result<Prediction, CliError> {
-    let law = LawSamplesFile::of(ventricle)?;
+    let law = LawKnowledgeFile::of(ventricle)?;
     let reduced = law
         .as_ref()
         .map_or(AskedFor::OneFibre, |law| AskedFor::Law(&law.path));
@@ -319,22 +319,22 @@ fn predict(
     Ok(prediction)
 }
 
-/// Samples of the organ's law in a temporary file, for the worker.
-struct LawSamplesFile {
+/// What is known about the organ's law in a temporary file, for the worker.
+struct LawKnowledgeFile {
     path: PathBuf,
     _folder: TempDir,
 }
 
-impl LawSamplesFile {
+impl LawKnowledgeFile {
     /// The law of a finite-element twin; `None` for other twins.
     fn of(ventricle: &Ventricle) -> Result<Option<Self>, CliError> {
-        let Some(samples) = ventricle.law() else {
+        let Some(known) = ventricle.law() else {
             return Ok(None);
         };
         let folder = tempfile::tempdir()
             .map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
         let path = folder.path().join("law.json");
-        let text = serde_json::to_string(&samples).map_err(|error| CliError::Io {
+        let text = serde_json::to_string(&known).map_err(|error| CliError::Io {
             what: "cannot write JSON",
             source: error.into(),
         })?;

@@ -295,6 +295,7 @@ async fn base(args: &GsaArgs) -> Result<GsaSpec, CliError> {
         SweptOrgan {
             patient: ventricle.plan.id.clone(),
             beat,
+            law: ventricle.law(),
         },
         lambda_0,
     ))
