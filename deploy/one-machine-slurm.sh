@@ -13,7 +13,8 @@
 #
 # Options of start: --nodes 4, --cpus 128 and --memory-mb 256000 (of each node, as told to Slurm: the machine needs
 # neither), --port PORT (of the first of nodes + 3 free ports; default: searched), --no-accounting (no MariaDB, no
-# slurmdbd, no QoS), --conf FILE (more lines for slurm.conf), --no-install.
+# slurmdbd, no QoS), --conf FILE (more lines for slurm.conf; a partition in it replaces ours of the same name),
+# --no-install.
 #
 # What is there: account t01 for the caller; partitions `standard` (whole nodes, as ARCHER2) and `serial` (cores), with
 # QoS whose limits are ARCHER2's, `main` (cores, QoS normal, the default), and `scavenge`, whose jobs make room for those of
@@ -231,7 +232,12 @@ PartitionName=serial MaxTime=1-00:00:00 MaxNodes=1 AllowQos=serial
 PartitionName=scavenge MaxTime=1-00:00:00 PriorityTier=1 PreemptMode=CANCEL AllowQos=normal
 CONF
     fi
-    [ -z "$MORE_CONF" ] || cat "$MORE_CONF" >>"$SLURM_CONF"
+    [ -n "$MORE_CONF" ] || return 0
+    local partition
+    for partition in $(sed -n 's/^PartitionName=\([^ ]*\).*/\1/p' "$MORE_CONF"); do
+        [ "$partition" = DEFAULT ] || sed -i "/^PartitionName=$partition /d" "$SLURM_CONF"
+    done
+    cat "$MORE_CONF" >>"$SLURM_CONF"
 }
 write_task_prolog() { # nodes of one machine are not to share memory: an MPI that sees one host would mix up their files
     printf '#!/bin/sh\necho export OMPI_MCA_btl=tcp,self\necho export OMPI_MCA_btl_tcp_if_include=lo\necho export MPIR_CVAR_NOLOCAL=1\n' >"$ROOT/etc/task-prolog"

@@ -484,8 +484,8 @@ pub struct ExecutorSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SlurmSettings {
-    /// Site profile: `archer2`, `generic`, `laptop`, or the path of a file like those in
-    /// deploy/sites.
+    /// Site profile: `archer2`, `generic`, `laptop`, `levante`, `lumi`, `roihu`, or the path of a
+    /// file like those in deploy/sites.
     pub site: String,
     /// Account that is charged. Some sites require one.
     pub account: Option<String>,
@@ -493,6 +493,9 @@ pub struct SlurmSettings {
     pub queue: Option<String>,
     /// Longest walltime of a job, `HH:MM:SS`; by default the queue's.
     pub walltime: Option<String>,
+    /// Further options of every job, as on sbatch's command line, such as `--reservation=NAME`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub directives: Vec<String>,
     /// Time before the end of the walltime at which a job is warned, so that it can write a
     /// checkpoint.
     #[schemars(range(max = 86_400))]
@@ -535,6 +538,7 @@ impl Default for SlurmSettings {
             account: None,
             queue: None,
             walltime: None,
+            directives: Vec::new(),
             warning_s: 120,
             memory_mib: 2000,
             simulation_s: 0.0,

@@ -31,6 +31,7 @@ mod requests;
 mod robustness;
 mod runs;
 mod schema;
+mod sites;
 mod slurm_answers;
 mod slurm_environment;
 mod status_page;

@@ -43,11 +43,19 @@ impl Cluster {
                 });
             }
         }
-        // The folder has a short name because paths of sockets must be short.
-        let folder = PathBuf::from(format!("/tmp/ct-slurm.{}", std::process::id()));
+        Self::start("ct-slurm", &[])
+    }
+
+    /// A Slurm of its own.
+    ///
+    /// - `name`: of its folder, which is short because paths of sockets must be short
+    /// - `options`: of the script's `start`
+    pub fn start(name: &str, options: &[&str]) -> Result<Self, String> {
+        let folder = PathBuf::from(format!("/tmp/{name}.{}", std::process::id()));
         let output = Command::new(script())
             .arg("start")
             .arg(&folder)
+            .args(options)
             .output()
             .map_err(|e| e.to_string())?;
         let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();

@@ -17,6 +17,7 @@ mod figures;
 mod kills;
 mod privacy;
 mod ranks;
+mod sites;
 mod sweeps;
 mod whole;
 
@@ -59,6 +60,10 @@ const TESTS: &[Test] = &[
     (
         "four patients share two nodes of ARCHER2",
         ranks::four_patients_share_two_nodes_of_archer2,
+    ),
+    (
+        "shipped profiles run on Slurms with the sites' partitions",
+        sites::shipped_profiles_run_on_slurms_with_the_sites_partitions,
     ),
     (
         "a launcher of another MPI is told",

@@ -103,9 +103,15 @@ impl Document {
         let sound = errors.is_empty();
         errors.sort_by_key(|error| error.span().map_or(0, |span| span.start));
         for error in errors {
-            let found = format!("a syntax error: {}", error.message());
-            let remedy =
-                "correct it: strings need quotes, numbers do not, and decimals use a point";
+            let is_duplicate = error.message() == "duplicate key";
+            let named = error.span().filter(|_| is_duplicate);
+            let named = named.map_or_else(String::new, |span| format!(" `{}`", &text[span]));
+            let found = format!("a syntax error: {}{named}", error.message());
+            let remedy = if is_duplicate {
+                "a table or key can stand only once: move these lines to where it stands already"
+            } else {
+                "correct it: strings need quotes, numbers do not, and decimals use a point"
+            };
             let mut problem = Problem::error(file, found, "TOML", remedy);
             if let Some(span) = error.span() {
                 problem = problem.at(Some(lines.position_of(span.start)));

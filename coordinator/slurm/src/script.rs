@@ -99,6 +99,80 @@ pub enum ScriptError {
     },
 }
 
+/// Options of a script that follow from the job, each with the setting that decides it; `None` for
+/// those without a setting.
+const OWN: [(&str, Option<&str>); 26] = [
+    ("job-name", None),
+    ("account", Some("executor.slurm.account")),
+    ("partition", Some("executor.slurm.queue")),
+    ("qos", Some("executor.slurm.queue")),
+    ("time", Some("executor.slurm.walltime")),
+    ("time-min", Some("executor.slurm.walltime")),
+    ("nodes", Some("executor.slurm.bundle_nodes")),
+    ("ntasks", None),
+    ("ntasks-per-node", Some("executor.ranks_per_node")),
+    ("ntasks-per-core", None),
+    ("cpus-per-task", Some("executor.threads")),
+    ("exclusive", None),
+    ("mem", Some("executor.slurm.memory_MiB")),
+    ("mem-per-cpu", Some("executor.slurm.memory_MiB")),
+    ("array", None),
+    ("requeue", None),
+    ("no-requeue", None),
+    ("open-mode", None),
+    ("export", None),
+    ("export-file", None),
+    ("signal", Some("executor.slurm.warning_s")),
+    ("chdir", None),
+    ("output", None),
+    ("error", None),
+    ("wrap", None),
+    ("test-only", None),
+];
+/// Option that adds to the nodes on which jobs failed.
+const EXCLUDE: &str = "--exclude=";
+
+/// Reason why a directive of a profile or of the settings is refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum DirectiveError {
+    /// Not a long option with at most one value.
+    #[error(
+        "expected an option such as --reservation=NAME, without blanks, quotes, '\\', '#' or '%'"
+    )]
+    Form,
+    /// The script has this option already.
+    #[error("cardiotwin sets --{option} of every job{}", .setting.map_or_else(String::new, |setting| format!("; change {setting} instead")))]
+    Own {
+        /// Name of the option.
+        option: &'static str,
+        /// Setting that decides it.
+        setting: Option<&'static str>,
+    },
+}
+
+/// Checks an option that a profile or the settings add to every script.
+///
+/// # Errors
+/// [`DirectiveError`] if it is no option, or one that the script decides.
+pub fn check_directive(text: &str) -> Result<(), DirectiveError> {
+    let name = text.strip_prefix("--").ok_or(DirectiveError::Form)?;
+    let (name, value) = name
+        .split_once('=')
+        .map_or((name, None), |(name, value)| (name, Some(value)));
+    let is_name = name.starts_with(|c: char| c.is_ascii_lowercase())
+        && name.bytes().all(|b| b.is_ascii_lowercase() || b == b'-');
+    if !is_name || value.is_some_and(|value| directive("directive", value).is_err()) {
+        return Err(DirectiveError::Form);
+    }
+    match OWN.iter().find(|(own, _)| *own == name) {
+        Some((option, setting)) => Err(DirectiveError::Own {
+            option,
+            setting: *setting,
+        }),
+        None => Ok(()),
+    }
+}
+
 /// A word for bash, quoted if necessary.
 fn quoted(word: &str) -> String {
     let plain = |b: u8| {
@@ -242,11 +316,19 @@ pub fn write(job: &Job, queue: &Queue, site: &Site) -> Result<String, ScriptErro
         let throttle = array.at_once.map(|n| format!("%{n}")).unwrap_or_default();
         option(format!("--array=0-{}{throttle}", array.n.saturating_sub(1)));
     }
-    if !job.exclude.is_empty() {
+    let (excluded, further): (Vec<&String>, Vec<&String>) =
+        (site.directives.iter()).partition(|text| text.starts_with(EXCLUDE));
+    let exclude: Vec<&str> = (excluded.iter().map(|text| &text[EXCLUDE.len()..]))
+        .chain(job.exclude.iter().map(String::as_str))
+        .collect();
+    if !exclude.is_empty() {
         option(format!(
-            "--exclude={}",
-            directive("list of nodes", &job.exclude.join(","))?
+            "{EXCLUDE}{}",
+            directive("list of nodes", &exclude.join(","))?
         ));
+    }
+    for text in further {
+        option(text.clone());
     }
     option("--no-requeue".to_owned());
     option("--open-mode=append".to_owned());
@@ -315,7 +397,7 @@ exit "$code"
 
 #[cfg(test)]
 mod tests {
-    use super::{Array, Drivers, Job, ScriptError, write};
+    use super::{Array, Drivers, Job, ScriptError, check_directive, write};
     use crate::job::JobName;
     use crate::site::Use;
     use crate::site::tests::shipped as site;
@@ -477,5 +559,83 @@ mod tests {
             refused(|job| job.account = Some("t01\n#SBATCH -N 99".to_owned())),
             ScriptError::Text { .. }
         ));
+    }
+
+    #[test]
+    fn directives_of_profile_and_settings_stand_in_every_script() {
+        let mut archer2 = site("archer2");
+        archer2.directives = ["--reservation=dev", "--exclude=nid1", "--hint=multithread"]
+            .map(str::to_owned)
+            .to_vec();
+        let queue = archer2
+            .queue(None, Use::Simulations)
+            .expect("a queue")
+            .clone();
+        let job = Job {
+            exclude: vec!["nid2".to_owned()],
+            ..simulations(1)
+        };
+        let text = write(&job, &queue, &archer2).expect("a script");
+        let options: Vec<&str> = (text.lines())
+            .filter_map(|line| line.strip_prefix("#SBATCH "))
+            .collect();
+        for option in [
+            "--reservation=dev",
+            "--exclude=nid1,nid2",
+            "--hint=multithread",
+        ] {
+            let n = options.iter().filter(|found| **found == option).count();
+            assert_eq!(n, 1, "{option}: {options:?}");
+        }
+    }
+
+    #[test]
+    fn a_directive_that_the_script_decides_is_refused_with_its_setting() {
+        for good in [
+            "--reservation=dev",
+            "--constraint=rome&ssd",
+            "--licenses=a:2",
+            "--no-kill",
+        ] {
+            assert_eq!(check_directive(good), Ok(()), "{good}");
+        }
+        let said = |text: &str| check_directive(text).expect_err(text).to_string();
+        assert_eq!(
+            said("--time=01:00:00"),
+            "cardiotwin sets --time of every job; change executor.slurm.walltime instead"
+        );
+        assert_eq!(said("--array=0-3"), "cardiotwin sets --array of every job");
+        for bad in [
+            "-p",
+            "--",
+            "reservation=dev",
+            "--reservation=a b",
+            "--comment=\"x\"",
+            "--A=b",
+            "--x=%j",
+        ] {
+            assert!(said(bad).starts_with("expected an option"), "{bad}");
+        }
+    }
+
+    /// Every option that a script can have is refused as a directive.
+    #[test]
+    fn no_directive_can_replace_an_option_of_the_script() {
+        let archer2 = site("archer2");
+        let queue = archer2
+            .queue(None, Use::Simulations)
+            .expect("a queue")
+            .clone();
+        let job = Job {
+            exclude: Vec::new(),
+            ..simulations(2)
+        };
+        let text = write(&job, &queue, &archer2).expect("a script");
+        for line in text
+            .lines()
+            .filter_map(|line| line.strip_prefix("#SBATCH "))
+        {
+            assert!(check_directive(line).is_err(), "{line}");
+        }
     }
 }

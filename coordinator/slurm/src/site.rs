@@ -5,6 +5,7 @@ use serde::Deserialize;
 
 use crate::answers::config::SiteConfig;
 use crate::answers::qos::QosRow;
+use crate::script::{DirectiveError, check_directive};
 use crate::walltime::{self, Limit};
 
 /// Error in a profile. `toml`'s own messages name line and key.
@@ -17,6 +18,16 @@ pub enum SiteError {
         file: String,
         /// Message with line and key.
         message: String,
+    },
+    /// An option that a job cannot have.
+    #[error("site profile {file}: directives has `{directive}`: {problem}")]
+    Directive {
+        /// Name of the file.
+        file: String,
+        /// Option as the profile gives it.
+        directive: String,
+        /// Reason.
+        problem: DirectiveError,
     },
     /// A value is out of its range.
     #[error("site profile {file}: {key} is {found}, expected {expected}")]
@@ -76,6 +87,9 @@ pub struct Site {
     /// First lines of every script, such as modules and paths.
     #[serde(default)]
     pub setup: Vec<String>,
+    /// Further options of every job, as on sbatch's command line.
+    #[serde(default)]
+    pub directives: Vec<String>,
     /// Whether jobs must name an account.
     #[serde(default)]
     pub needs_account: bool,
@@ -314,6 +328,15 @@ impl Site {
                 "empty".to_owned(),
                 "a program, such as [\"srun\"]",
             );
+        }
+        for directive in &self.directives {
+            if let Err(problem) = check_directive(directive) {
+                return Err(SiteError::Directive {
+                    file: file.to_owned(),
+                    directive: directive.clone(),
+                    problem,
+                });
+            }
         }
         if self.arrays.allowed && self.arrays.max_size == 0 {
             return wrong(

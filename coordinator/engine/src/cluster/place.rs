@@ -11,6 +11,7 @@ use cardiotwin_slurm::state::Bearing;
 use cardiotwin_store::cluster_jobs::{Allotment, JobSpec, Placed};
 
 use super::expect::Expectations;
+use super::profile::overhead_s;
 use super::share::Share;
 use crate::EngineError;
 use crate::books::Books;
@@ -141,12 +142,10 @@ impl Group<'_> {
     fn choices(&self) -> Choices {
         let slurm = &self.settings.slurm;
         let bundle_nodes = Some(slurm.bundle_nodes).filter(|n| *n > 0);
-        // Time to start and to end, plus the warning, which Slurm may send a minute early.
-        let overhead_s = 2 * (slurm.warning_s + 60);
         Choices {
             good_length_s: slurm.job_s,
             bundle_nodes,
-            overhead_s,
+            overhead_s: overhead_s(slurm),
             ..Choices::default()
         }
     }

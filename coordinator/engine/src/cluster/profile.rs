@@ -8,13 +8,14 @@ use cardiotwin_slurm::answers::config::{self, SiteConfig};
 use cardiotwin_slurm::answers::qos::{self, QosRow};
 use cardiotwin_slurm::answers::{Exit, Output};
 use cardiotwin_slurm::commands;
+use cardiotwin_slurm::script;
 use cardiotwin_slurm::site::{Scheduler as Kind, Site};
 use cardiotwin_store::Writer;
 
 use super::Cluster;
 use crate::EngineError;
 
-const SHIPPED: [(&str, &str); 3] = [
+const SHIPPED: [(&str, &str); 6] = [
     (
         "archer2",
         include_str!("../../../../deploy/sites/archer2.toml"),
@@ -27,6 +28,12 @@ const SHIPPED: [(&str, &str); 3] = [
         "laptop",
         include_str!("../../../../deploy/sites/laptop.toml"),
     ),
+    (
+        "levante",
+        include_str!("../../../../deploy/sites/levante.toml"),
+    ),
+    ("lumi", include_str!("../../../../deploy/sites/lumi.toml")),
+    ("roihu", include_str!("../../../../deploy/sites/roihu.toml")),
 ];
 /// Time after which the site is asked for its limits again, ms.
 const TOLD_FOR_MS: i64 = 24 * 3600 * 1000;
@@ -72,7 +79,24 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
                 walltime.clone_into(&mut queue.walltime);
             }
         }
+        let overhead_s = overhead_s(settings);
+        if seconds <= overhead_s {
+            return Err(wrong(format!(
+                "executor.slurm.walltime is `{walltime}`, but a job's start, its warning and its end \
+                 take {overhead_s} s, 2 (executor.slurm.warning_s + 60 s): ask for more time, or \
+                 lower executor.slurm.warning_s ({})",
+                settings.warning_s
+            )));
+        }
     }
+    for directive in &settings.directives {
+        script::check_directive(directive).map_err(|problem| {
+            wrong(format!(
+                "executor.slurm.directives has `{directive}`: {problem}"
+            ))
+        })?;
+    }
+    site.directives.extend(settings.directives.iter().cloned());
     if let Some(name) = settings
         .queue
         .as_ref()
@@ -92,6 +116,12 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
         )));
     }
     Ok(site)
+}
+
+/// Time of a job without work \[s\]: to start and to end, and the warning, which Slurm may send a
+/// minute early.
+pub(super) fn overhead_s(settings: &SlurmSettings) -> u64 {
+    2 * (settings.warning_s + 60)
 }
 
 /// The site's configuration and limits. The site is asked once a day, since these hardly change; in

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use cardiotwin_engine as engine;
 use cardiotwin_input::{self as input, Options, Report};
-use cardiotwin_schemas::settings::SlurmSettings;
+use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings, SlurmSettings};
 use clap::Args;
 use serde::Serialize;
 
@@ -26,11 +26,12 @@ use finding::{Finding, Level};
 pub struct DoctorArgs {
     #[command(flatten)]
     place: Place,
-    /// Check the cluster of this site profile, too: generic, archer2, laptop, or a file
+    /// Check the cluster of this site profile, too: generic, archer2, laptop, levante, lumi, roihu, or a file
+    /// [default: the cohort's, if its tasks run on Slurm]
     #[arg(long, value_name = "NAME")]
     site: Option<String>,
-    /// Account that the cluster's jobs are charged to
-    #[arg(long, value_name = "NAME", requires = "site")]
+    /// Account that the cluster's jobs are charged to [default: the cohort's]
+    #[arg(long, value_name = "NAME")]
     account: Option<String>,
     /// Print one JSON object instead of the table
     #[arg(long)]
@@ -56,10 +57,11 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
     let mut findings = machine::look();
     findings.extend(programs::look(args.worker.as_deref()));
     findings.extend(disk::look(&folders.run).await);
-    if let Some(scratch) = scratch_of(&folders) {
+    let executor = executor_of(&folders);
+    if let Some(scratch) = scratch_of(&folders, executor.as_ref()) {
         findings.extend(disk::look(&scratch).await);
     }
-    findings.extend(cluster(args).await);
+    findings.extend(cluster(args, executor.as_ref()).await);
     let worst = findings
         .iter()
         .filter(|finding| finding.level == Level::Error)
@@ -86,17 +88,21 @@ pub async fn execute(args: &DoctorArgs, talk: &Talk) -> Result<Exit, CliError> {
     Ok(if worst > 0 { Exit::Problems } else { Exit::Ok })
 }
 
-/// Folder of the attempts, if it is not in the run's folder.
-fn scratch_of(folders: &Folders) -> Option<PathBuf> {
-    if let Ok(link) = std::fs::read_link(folders.run.join(engine::ATTEMPTS)) {
-        return Some(link);
-    }
+/// Where the cohort's tasks run, if a cohort was named and can be read.
+fn executor_of(folders: &Folders) -> Option<ExecutorSettings> {
     let cohort = folders
         .cohort
         .as_ref()
         .filter(|cohort| cohort.join("cohort.toml").is_file())?;
     let cohort = input::load(cohort, &Options::default(), &mut Report::default())?;
-    cohort.settings.settings.executor.scratch.clone()
+    Some(cohort.settings.settings.executor.clone())
+}
+
+/// Folder of the attempts, if it is not in the run's folder.
+fn scratch_of(folders: &Folders, executor: Option<&ExecutorSettings>) -> Option<PathBuf> {
+    std::fs::read_link(folders.run.join(engine::ATTEMPTS))
+        .ok()
+        .or_else(|| executor?.scratch.clone())
 }
 
 fn table(findings: &[Finding], talk: &Talk) -> String {
@@ -122,20 +128,24 @@ fn table(findings: &[Finding], talk: &Talk) -> String {
 }
 
 /// Checks Slurm: the site's profile, and Slurm's own answers.
-async fn cluster(args: &DoctorArgs) -> Vec<Finding> {
-    let Some(site) = &args.site else {
+async fn cluster(args: &DoctorArgs, executor: Option<&ExecutorSettings>) -> Vec<Finding> {
+    let of_cohort = executor.filter(|executor| executor.kind == ExecutorKind::Slurm);
+    if args.site.is_none() && of_cohort.is_none() {
         let remedy = "--site NAME checks the cluster of that profile";
         return vec![Finding::bad("cluster", Level::Note, "not checked", remedy)];
-    };
-    let settings = SlurmSettings {
-        site: site.clone(),
-        account: args.account.clone(),
-        ..SlurmSettings::default()
-    };
+    }
+    let mut settings =
+        of_cohort.map_or_else(SlurmSettings::default, |executor| executor.slurm.clone());
+    if let Some(site) = &args.site {
+        site.clone_into(&mut settings.site);
+    }
+    if let Some(account) = &args.account {
+        settings.account = Some(account.clone());
+    }
     let told = match engine::examine_site(&settings).await {
         Ok(told) => told,
         Err(error) => {
-            let level = if site == "laptop" {
+            let level = if settings.site == "laptop" {
                 Level::Note
             } else {
                 Level::Error
