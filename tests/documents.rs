@@ -163,7 +163,10 @@ fn flags_in_prose_exist() {
     // Calls of these programs have flags of their own. The list below has flags of MPI, Slurm and
     // openCARP that pages explain.
     const PROGRAMS: [&str; 3] = ["cargo ", "squeue ", "sbatch "];
-    const FOREIGN: [&str; 11] = [
+    const FOREIGN: [&str; 13] = [
+        // Of sbatch.
+        "--exclude",
+        "--reservation",
         "--exact",
         "--nodelist",
         "--host",

@@ -141,7 +141,7 @@ pub enum DirectiveError {
     )]
     Form,
     /// The script has this option already.
-    #[error("cardiotwin sets --{option} of every job{}", .setting.map_or_else(String::new, |setting| format!("; change {setting} instead")))]
+    #[error("every job has its own --{option}{}", .setting.map_or_else(String::new, |setting| format!("; change {setting} instead")))]
     Own {
         /// Name of the option.
         option: &'static str,
@@ -602,9 +602,9 @@ mod tests {
         let said = |text: &str| check_directive(text).expect_err(text).to_string();
         assert_eq!(
             said("--time=01:00:00"),
-            "cardiotwin sets --time of every job; change executor.slurm.walltime instead"
+            "every job has its own --time; change executor.slurm.walltime instead"
         );
-        assert_eq!(said("--array=0-3"), "cardiotwin sets --array of every job");
+        assert_eq!(said("--array=0-3"), "every job has its own --array");
         for bad in [
             "-p",
             "--",
