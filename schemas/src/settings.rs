@@ -496,6 +496,14 @@ pub struct SlurmSettings {
     /// Further options of every job, as on sbatch's command line, such as `--reservation=NAME`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub directives: Vec<String>,
+    /// Largest number of your jobs in a queue at a time, waiting or running; 0 for the limit of the
+    /// queue.
+    #[schemars(range(max = 1_000_000))]
+    pub max_jobs: u32,
+    /// Largest number of node-hours of the run's jobs; 0 for no limit. What is spent counts, and the
+    /// walltimes of jobs that wait or run.
+    #[schemars(extend("minimum" = 0.0, "maximum" = 1e12))]
+    pub max_node_hours: f64,
     /// Time before the end of the walltime at which a job is warned, so that it can write a
     /// checkpoint.
     #[schemars(range(max = 86_400))]
@@ -539,6 +547,8 @@ impl Default for SlurmSettings {
             queue: None,
             walltime: None,
             directives: Vec::new(),
+            max_jobs: 0,
+            max_node_hours: 0.0,
             warning_s: 120,
             memory_mib: 2000,
             simulation_s: 0.0,

@@ -85,6 +85,35 @@ impl JobSpec {
     }
 }
 
+impl JobSpec {
+    /// Node-hours of all elements if each of them takes its whole walltime.
+    #[must_use]
+    pub fn asked_node_hours(&self) -> f64 {
+        self.elements.len() as f64 * self.asked_of_an_element()
+    }
+
+    fn asked_of_an_element(&self) -> f64 {
+        self.walltime_s as f64 / 3600.0 * self.nodes_charged
+    }
+}
+
+/// Node-hours that jobs have taken, and that they would take if each element that has not ended
+/// took its whole walltime.
+#[must_use]
+pub fn committed_node_hours<'a>(jobs: impl Iterator<Item = &'a JobRow>) -> f64 {
+    let of_job = |row: &JobRow| -> f64 {
+        let of_element = |seen: &SeenElement| match seen.elapsed_s {
+            Some(elapsed_s) if seen.settled || row.over => {
+                elapsed_s as f64 / 3600.0 * row.spec.nodes_charged
+            }
+            None if seen.settled || row.over => 0.0,
+            _ => row.spec.asked_of_an_element(),
+        };
+        row.seen.iter().map(of_element).sum()
+    };
+    jobs.map(of_job).sum()
+}
+
 /// A patient in a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Placed {

@@ -13,6 +13,7 @@
 //! their consequences are decided after they are committed ([`Phase`]).
 
 mod act;
+mod budget;
 mod decide;
 mod disk_need;
 mod examine;

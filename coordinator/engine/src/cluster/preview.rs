@@ -13,6 +13,7 @@ use cardiotwin_store::Writer;
 use cardiotwin_store::clock;
 use serde::Serialize;
 
+use super::budget::Budget;
 use super::disk_need::DiskNeed;
 use super::expect::Expectations;
 use super::order::script_of;
@@ -122,6 +123,8 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
             })?;
         planned.push(row_of(job, script));
     }
+    let budget = Budget::of(&options.executor, books.jobs().rows().values());
+    remarks.extend(budget.remark(&jobs.iter().map(|job| &job.spec).collect::<Vec<_>>()));
     planned.sort_by_key(|job| !job.now);
     // The sum of nothing is -0.
     let node_hours = planned.iter().map(|job| job.node_hours).sum::<f64>() + 0.0;

@@ -89,6 +89,12 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
             )));
         }
     }
+    if settings.max_jobs > 0 {
+        for queue in &mut site.queue {
+            let of_queue = queue.max_queued.unwrap_or(u32::MAX);
+            queue.max_queued = Some(of_queue.min(settings.max_jobs));
+        }
+    }
     for directive in &settings.directives {
         script::check_directive(directive).map_err(|problem| {
             wrong(format!(
@@ -172,4 +178,28 @@ async fn remember(
     Ok(writer
         .set_meta(&[(TOLD[0], &now), (TOLD[1], config), (TOLD[2], qos)])
         .await?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cohort_may_ask_for_fewer_jobs_than_a_queue_allows() {
+        let of = |max_jobs: u32| {
+            let settings = SlurmSettings {
+                site: "lumi".to_owned(),
+                account: Some("t01".to_owned()),
+                max_jobs,
+                ..SlurmSettings::default()
+            };
+            let site = load_site(&settings).expect("a site");
+            site.queue
+                .iter()
+                .map(|queue| queue.max_queued)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(of(0), [Some(120), Some(220), Some(2)]);
+        assert_eq!(of(5), [Some(5), Some(5), Some(2)]);
+    }
 }

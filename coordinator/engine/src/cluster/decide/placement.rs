@@ -3,8 +3,9 @@
 use cardiotwin_slurm::site::Queue;
 use cardiotwin_workflow::cluster_job::Submission;
 
+use super::super::budget::Budget;
 use super::super::expect::Expectations;
-use super::super::place::{in_use, plan_jobs};
+use super::super::place::{PlannedJob, in_use, plan_jobs};
 use super::super::waiting::waiting;
 use super::State;
 use crate::EngineError;
@@ -42,19 +43,22 @@ impl State {
         )?;
         self.report.node_hours_left = jobs.iter().map(|job| job.spec.expected_node_hours).sum();
         self.report.finish_after_s = jobs.iter().map(|job| job.predicted_s).reduce(f64::max);
-        let later: usize = jobs
-            .iter()
-            .filter(|job| !job.now)
-            .map(|job| job.patients.iter().map(Vec::len).sum::<usize>())
-            .sum();
+        let n_patients = |job: &PlannedJob| job.patients.iter().map(Vec::len).sum::<usize>();
+        let later: usize = jobs.iter().filter(|job| !job.now).map(n_patients).sum();
+        let mut budget = Budget::of(&self.settings, self.books.jobs().rows().values());
+        let mut unaffordable = 0;
         for job in jobs.into_iter().filter(|job| job.now) {
+            if !budget.takes(&job.spec) {
+                unaffordable += n_patients(&job);
+                continue;
+            }
             let name = self.fresh_name();
             self.books.intend_job(name, job.spec);
         }
-        self.hold(
-            (later > 0)
-                .then(|| format!("{later} patients wait until jobs have ended: the queue is full")),
-        );
+        let full = (later > 0)
+            .then(|| format!("{later} patients wait until jobs have ended: the queue is full"));
+        let spent = (unaffordable > 0).then(|| budget.holds(unaffordable));
+        self.hold(spent.or(full));
         Ok(())
     }
 

@@ -225,6 +225,28 @@ async fn a_refusal_that_passes_fails_no_patient() {
 }
 
 #[tokio::test]
+async fn a_budget_stops_submissions_until_it_is_raised() {
+    let mut lab = Lab::new(long_noops(3), Settings::default()).without_arrays();
+    lab.settings.max_node_hours = 0.001;
+    for _ in 0..2 {
+        let summary = lab.tick().await;
+        assert_eq!((summary.failed, summary.unfinished), (0, 3));
+        let status = lab.reader().await.status().await.unwrap();
+        let holds = status.cluster.unwrap().holds.unwrap();
+        assert!(
+            holds.contains("3 patients wait") && holds.contains("max_node_hours (0.001)"),
+            "{holds}"
+        );
+    }
+    assert!(!lab.slurm.asked.lock().unwrap().contains(&"sbatch"));
+    lab.settings.max_node_hours = 1000.0;
+    assert_eq!(lab.finish().await.done, 3);
+    // What the jobs took is spent, so that a limit below it admits no further one.
+    let status = lab.reader().await.status().await.unwrap().cluster.unwrap();
+    assert!(status.node_hours > 0.0 && status.holds.is_none());
+}
+
+#[tokio::test]
 async fn a_full_queue_is_waited_for_and_told() {
     let mut settings = Settings {
         n_nodes: 1,
