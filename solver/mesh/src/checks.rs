@@ -31,7 +31,7 @@ const UNIT_TOLERANCE: f64 = 1e-3;
 /// Cosine of the angle up to which a fibre has the usual direction (26°): a placeholder with noise or a
 /// little bent is one too. The fibres of a ventricle turn by more than 90°.
 const ALIKE: f64 = 0.9;
-/// Share of fibres in the usual direction from which they are a placeholder. A ventricle has up to a quarter.
+/// Share of fibres in the usual direction from which they are a placeholder. A ventricle has up to 0.3.
 const PLACEHOLDER: f64 = 0.5;
 /// Nodes count as doubled if their distance is less than this share of the mean edge.
 pub(crate) const DOUBLED: f64 = 1e-4;
