@@ -244,7 +244,7 @@ fn pressures(rows: &Rows, out: &mut Vec<Variant>) {
             )
         });
     }
-    for late in [60_usize, 100] {
+    for late in [40_usize, 60] {
         let mut moved = rows.clone();
         moved.channels[1].rotate_right(late);
         out.push(Variant {
