@@ -237,9 +237,14 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Probl
         warnings.push(Problem::warning(
             file,
             format!(
-                "{} of {records} records without a time, the first ones {}",
+                "{} of {records} records without a time: number {}{}",
                 without.len(),
-                named.join(", ")
+                named.join(", "),
+                if without.len() > named.len() {
+                    ", …"
+                } else {
+                    ""
+                }
             ),
             "the time of each record in its annotations",
             "check the export; a record without a time is taken to follow the one before it",
