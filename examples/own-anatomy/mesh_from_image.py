@@ -35,6 +35,17 @@ def refuse_large(path, shape, remedy):
         sys.exit(f"{path}: an image of {sides} voxels, expected at most {MOST_VOXELS}; {remedy}")
 
 
+def refuse_two_sizes(path, header):
+    """Ends the program where the two maps of a header, sform and qform, have voxels of other sizes: one of them is wrong."""
+    maps = [header.get_sform(coded=True)[0], header.get_qform(coded=True)[0]] if hasattr(header, "get_sform") else [None]
+    if any(one is None for one in maps):
+        return
+    by_sform, by_qform = (np.sqrt((one[:3, :3] ** 2).sum(axis=0)) for one in maps)
+    if not np.allclose(by_sform, by_qform, rtol=0.01):
+        sizes = [" x ".join(f"{side:.3g}" for side in sides) for sides in (by_sform, by_qform)]
+        sys.exit(f"{path}: voxels of {sizes[0]} by the header's sform and of {sizes[1]} by its qform, expected one size; write the right one again")
+
+
 def labels_in_mm(path, frame=None):
     """Labels of an image as a 3D array, and its affine map to mm. `frame`: number of the image of a series, from 1."""
     import nibabel
@@ -45,9 +56,15 @@ def labels_in_mm(path, frame=None):
         values = np.asarray(image.dataobj)
     except (OSError, EOFError, ValueError, nibabel.filebasedimages.ImageFileError) as error:
         sys.exit(f"{path}: cannot be read as an image ({error}); expected a NIfTI file, .nii or .nii.gz")
-    unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "unknown"
+    try:
+        unit = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "unknown"
+    except KeyError as error:
+        unit = f"the unknown unit {int(error.args[0])}"
     if unit not in UNIT_MM:
-        sys.exit(f"{path}: lengths in {unit!r}, expected mm, metres or micrometres in the header")
+        sys.exit(f"{path}: lengths in {unit}, expected mm, metres or micrometres in the header")
+    if values.dtype.kind not in "biuf":
+        sys.exit(f"{path}: colours or other values that are no numbers, expected labels")
+    refuse_two_sizes(path, image.header)
     affine = image.affine.copy()
     affine[:3] *= UNIT_MM[unit]
     if values.ndim < 3:
@@ -59,8 +76,9 @@ def labels_in_mm(path, frame=None):
     if not 1 <= (frame or 1) <= n:
         sys.exit(f"{path}: no frame {frame}; there are {n}")
     values = frames[..., (frame or 1) - 1]
-    if not np.isfinite(values).all() or np.abs(values - np.rint(values)).max(initial=0) > 1e-3:
-        sys.exit(f"{path}: values that are no whole numbers, such as {values.max():g}; expected labels, not an image of grey values")
+    whole = np.isfinite(values) & (np.abs(values - np.rint(np.nan_to_num(values))) <= 1e-3)
+    if not whole.all():
+        sys.exit(f"{path}: values that are no whole numbers, such as {values[~whole][0]:g}; expected labels, not an image of grey values")
     sides_mm = np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
     if not abs(np.linalg.det(affine[:3, :3])) > 1e-6 * sides_mm.prod():
         sys.exit(f"{path}: voxels without a volume, expected three independent axes; write the image's orientation (sform or qform) again")

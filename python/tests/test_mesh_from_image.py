@@ -207,3 +207,43 @@ def test_no_number_is_no_label(script, tmp_path):
     values[0, 0, 0] = np.nan
     with pytest.raises(SystemExit, match="no whole numbers"):
         script.labels_in_mm(made(tmp_path, values))
+
+
+def coded(folder, sform=None, qform=None):
+    """An image with the two maps of a header, each with its code."""
+    image = nibabel.Nifti1Image(BALL, None)
+    image.header.set_xyzt_units("mm")
+    image.header.set_qform(qform, code=0 if qform is None else 1)
+    image.header.set_sform(sform, code=0 if sform is None else 1)
+    nibabel.save(nibabel.Nifti1Image(BALL, None, image.header), folder / "labels.nii.gz")
+    return folder / "labels.nii.gz"
+
+
+def test_two_maps_of_other_sizes_are_refused_and_of_other_places_are_not(script, tmp_path):
+    """Programs that resample an image leave one of the two maps as it was."""
+    sides = np.diag([2.0, 2.0, 3.0, 1.0])
+    for other in (np.diag([0.2, 0.2, 0.3, 1.0]), np.diag([2.0, 2.0, 8.0, 1.0])):
+        with pytest.raises(SystemExit, match=r"by the header's sform and of 2 x 2 x 3 by its qform"):
+            script.labels_in_mm(coded(tmp_path, sform=other, qform=sides))
+    moved = sides.copy()
+    moved[:3, 3] = [10, -20, 30]
+    values, affine = script.labels_in_mm(coded(tmp_path, sform=moved, qform=sides))
+    assert cavity_of(values, affine) == pytest.approx(12 * BALL_ML, rel=0.02)
+    assert affine[:3, 3] == pytest.approx([10, -20, 30])
+
+
+def test_headers_that_no_program_should_write_are_refused_in_a_sentence(script, tmp_path):
+    path = stored(tmp_path, BALL, np.eye(4), "labels.nii", xyzt_units=7)
+    with pytest.raises(SystemExit, match="lengths in the unknown unit 7, expected mm"):
+        script.labels_in_mm(path)
+    colours = np.zeros(BALL.shape, [("R", "u1"), ("G", "u1"), ("B", "u1")])
+    with pytest.raises(SystemExit, match="colours or other values that are no numbers"):
+        script.labels_in_mm(stored(tmp_path, colours, np.eye(4)))
+
+
+def test_the_value_that_is_no_label_is_named(script, tmp_path):
+    """A probability of a half among ones."""
+    values = BALL.astype(np.float32)
+    values[30, 30, 30] = 0.5
+    with pytest.raises(SystemExit, match="such as 0.5;"):
+        script.labels_in_mm(made(tmp_path, values))

@@ -237,6 +237,33 @@ fn what_no_aorta_has_is_refused_or_warned_of() {
     for part in ["a mean pressure of", "a mean flow of", "R1 + R2 ="] {
         assert!(!told.contains(part), "{told}");
     }
+    // Times in s under ms, and a mean pressure in place of a pulse.
+    let other = tempfile::tempdir().unwrap();
+    let moved = |name: &str, change: &dyn Fn(f64, &str) -> String| {
+        let text = std::fs::read_to_string(folder.join(name)).unwrap();
+        let rows = text.lines().map(|line| match line.split_once(',') {
+            Some((time, value)) if time.parse::<f64>().is_ok() => {
+                change(time.parse().unwrap(), value)
+            }
+            _ => line.to_owned(),
+        });
+        rows.collect::<Vec<String>>().join("\n") + "\n"
+    };
+    for name in ["flow.csv", "pressure.csv"] {
+        let text = moved(name, &|time, value| format!("{:.6},{value}", 1e-3 * time));
+        std::fs::write(other.path().join(name), text).unwrap();
+    }
+    let flat = moved("pressure.csv", &|time, _| format!("{time},90.0"));
+    std::fs::write(other.path().join("flat.csv"), flat).unwrap();
+    std::fs::copy(folder.join("flow.csv"), other.path().join("whole.csv")).unwrap();
+    for (flow, pressure, part) in [
+        ("flow.csv", "pressure.csv", "a beat of 0.825"),
+        ("whole.csv", "flat.csv", "a pulse pressure of 0.000 mmHg"),
+    ] {
+        cardiotwin(other.path(), &["fit", "afterload", flow, pressure])
+            .expect(3)
+            .complains_of(&[part, "expected"]);
+    }
     let search = ["discover", "--afterload", "flow.csv", "p_shift-40.csv"];
     let said = cardiotwin(&folder, &search).expect(0);
     assert!(

@@ -10,6 +10,7 @@ use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::preparation::RawInput;
 use cardiotwin_schemas::raw::{BeatSource, FileFormat, RawFile};
 use cardiotwin_signals::Problem;
+use cardiotwin_signals::checks::LARGEST_ML;
 
 use super::cohort::read_as;
 use super::document::Document;
@@ -426,9 +427,12 @@ impl Reader<'_> {
             block: file.catheter.block,
         };
         let mut table = self.table(&path, &bytes, &wanted, form)?;
+        // A channel that was not connected has no samples, or one value.
         let with_samples = |quantity: &str| {
             let values = table.columns.get(quantity)?;
-            Some(values.iter().any(|v| v.is_finite()))
+            let mut finite = values.iter().filter(|v| v.is_finite());
+            let first = finite.next();
+            Some(first.is_some_and(|first| finite.any(|v| v != first)))
         };
         let empty: Vec<&str> = ["lv_pressure", "aortic_pressure", "flow"]
             .into_iter()
@@ -436,7 +440,11 @@ impl Reader<'_> {
             .collect();
         for quantity in empty {
             let name = table.names.get(quantity).cloned().unwrap_or_default();
-            let found = format!("column `{name}` without a single sample");
+            let values = &table.columns[quantity];
+            let found = match values.iter().find(|v| v.is_finite()) {
+                None => format!("column `{name}` without a single sample"),
+                Some(only) => format!("column `{name}` with the value {only} alone"),
+            };
             let is_named = wanted
                 .iter()
                 .any(|wanted| wanted.quantity == quantity && wanted.given);
@@ -515,9 +523,16 @@ impl Reader<'_> {
             table.columns.remove("volume")?,
         );
         let lines: Vec<f64> = time_ms.clone();
+        let n_lines = lines.len();
         let (time_ms, volume_ml) = self.segmented(&path, &table, time_ms, volume_ml);
-        match Cine::new(time_ms, volume_ml, file.cine.cycle_length_ms) {
-            Ok(cine) => Some(cine),
+        // Frames without a volume tell the length of the cycle all the same.
+        let cycle_length_ms = file.cine.cycle_length_ms.or_else(|| {
+            let bare = time_ms.len() < n_lines;
+            let whole = Cine::new(lines.clone(), vec![1.0; n_lines], None).ok();
+            whole.filter(|_| bare).map(|cine| cine.cycle_length_ms)
+        });
+        match Cine::new(time_ms, volume_ml, cycle_length_ms) {
+            Ok(cine) => self.of_a_heart(&path, cine),
             Err(error) => {
                 let (line, remedy) = match &error {
                     CineError::Volume { time_ms, .. } => {
@@ -539,6 +554,25 @@ impl Reader<'_> {
                 None
             }
         }
+    }
+
+    /// The frames, if their volumes are those of a heart.
+    fn of_a_heart(&mut self, path: &Path, cine: Cine) -> Option<Cine> {
+        let largest = cine.volume_ml.iter().copied().fold(0.0, f64::max);
+        if LARGEST_ML.contains(&largest) {
+            return Some(cine);
+        }
+        let problem = Problem::error(
+            path,
+            format!("a largest volume of {largest:.4} mL"),
+            format!(
+                "a largest volume of {} to {} mL",
+                LARGEST_ML.start, LARGEST_ML.end
+            ),
+            "correct the unit, or export the volumes without separators of thousands",
+        );
+        self.report.add(None, problem);
+        None
     }
 
     /// The frames that have a volume; a warning names the others.

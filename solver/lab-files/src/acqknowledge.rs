@@ -9,6 +9,7 @@ use std::path::Path;
 
 use cardiotwin_signals::Problem;
 
+use crate::clock::other_interval;
 use crate::delimited::refused;
 use crate::dialect::cells;
 use crate::grid::Grid;
@@ -65,7 +66,7 @@ fn per_second(unit: &str) -> Option<f64> {
 #[must_use]
 pub fn parse(decoded: &Decoded<'_>, file: &Path, wanted: &[Wanted]) -> TableReading {
     match grid(decoded, file) {
-        Ok((grid, told)) => {
+        Ok((grid, told, interval_ms)) => {
             let problems = told.problems();
             if problems.iter().any(Problem::is_error) {
                 return TableReading {
@@ -73,13 +74,17 @@ pub fn parse(decoded: &Decoded<'_>, file: &Path, wanted: &[Wanted]) -> TableRead
                     problems,
                 };
             }
-            grid.choose(file, &times_of_the_file(wanted))
+            let contradiction = other_interval(file, Some(interval_ms), &grid.columns[0]);
+            let mut reading = grid.choose(file, &times_of_the_file(wanted));
+            reading.problems.extend(contradiction);
+            reading
         }
         Err(problem) => refused(problem),
     }
 }
 
-fn grid(decoded: &Decoded<'_>, file: &Path) -> Result<(Grid, Told), Problem> {
+/// The table, problems of its lines, and the interval that the header states \[ms\].
+fn grid(decoded: &Decoded<'_>, file: &Path) -> Result<(Grid, Told, f64), Problem> {
     let lines: Vec<&str> = decoded.text.lines().collect();
     let damaged = |line: usize, found: String, expected: &str| {
         Problem::error(
@@ -202,7 +207,7 @@ fn grid(decoded: &Decoded<'_>, file: &Path) -> Result<(Grid, Told), Problem> {
             decoded.encoding
         )],
     };
-    Ok((grid, told))
+    Ok((grid, told, interval_ms))
 }
 
 #[cfg(test)]

@@ -1,5 +1,9 @@
 //! Times of day and dates in cells, in ms.
 
+use std::path::Path;
+
+use cardiotwin_signals::Problem;
+
 use crate::number::{Decimal, number};
 
 /// Milliseconds of a day.
@@ -61,6 +65,29 @@ pub(crate) fn time_of_day_ms(cell: &str, decimal: Decimal) -> Option<f64> {
     Some(1e3 * seconds)
 }
 
+/// Relative difference between a stated interval and the one of the times that is told.
+const OTHER_INTERVAL: f64 = 0.02;
+
+/// A warning where the times of a file are not as far apart as its header states.
+pub(crate) fn other_interval(
+    file: &Path,
+    stated_ms: Option<f64>,
+    times_ms: &[f64],
+) -> Option<Problem> {
+    let stated_ms = stated_ms?;
+    let mut steps: Vec<f64> = times_ms.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let step_ms = *steps.get(steps.len() / 2)?;
+    ((step_ms / stated_ms - 1.0).abs() > OTHER_INTERVAL).then(|| {
+        Problem::warning(
+            file,
+            format!("times {step_ms:.4} ms apart, but an interval of {stated_ms:.4} ms in the header"),
+            "times as far apart as the header states",
+            "check the heart rate: the times are read; remove the column of times if the interval is right",
+        )
+    })
+}
+
 /// Which of the two numbers before the year is the day.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) enum DateOrder {
@@ -88,6 +115,16 @@ impl DateOrder {
             _ => Self::DayFirst,
         }
     }
+}
+
+/// Whether a cell is a date alone, such as 2/3/2026, 02.03.2026 or 2026-03-02.
+pub(crate) fn is_date(cell: &str) -> bool {
+    let cell = cell.trim().trim_matches('"').trim();
+    let parts: Vec<&str> = cell.split(['/', '-', '.']).collect();
+    parts.len() == 3
+        && parts
+            .iter()
+            .all(|part| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// A time of day without its zone, and the zone's distance from UTC \[ms\]: `09:00:00.5+01:00`.
@@ -120,8 +157,8 @@ fn without_zone(time: &str) -> (&str, f64) {
 }
 
 /// A date with a time of day, such as `2026-03-02 09:00:00.004`, `02.03.2026 09:00:00`,
-/// `2026-03-02T09:00:00.004Z` or `2026-03-02T10:00:00+01:00`, or a time of day with two colons \[ms since
-/// the year 0 or since midnight, of UTC where the zone is there\]. Of dates with the year last, the day
+/// `2026-03-02T09:00:00.004Z` or `2026-03-02T10:00:00+01:00`, or a time of day with two colons, or with
+/// one and decimals \[ms since the year 0 or since midnight, of UTC where the zone is there\]. Of dates with the year last, the day
 /// comes first unless it cannot.
 pub(crate) fn stamp_ms(cell: &str, decimal: Decimal) -> Option<f64> {
     stamp_in_order_ms(cell, decimal, DateOrder::DayFirst)
@@ -137,10 +174,13 @@ pub(crate) fn stamp_in_order_ms(cell: &str, decimal: Decimal, order: DateOrder) 
         _ => (None, cell),
     };
     let (time, zone_ms) = without_zone(time);
-    if time.matches(':').count() != 2 && !(date.is_some() && time.matches(':').count() == 1) {
+    let n_colons = time.matches(':').count();
+    // Minutes and seconds with decimals, as Excel writes times into text: `01:02.5`.
+    let of_minutes = date.is_none() && n_colons == 1 && time.contains(['.', ',']);
+    if n_colons != 2 && !of_minutes && !(date.is_some() && n_colons == 1) {
         return None;
     }
-    let time = if time.matches(':').count() == 1 {
+    let time = if n_colons == 1 && !of_minutes {
         format!("{time}:00")
     } else {
         time.to_owned()
@@ -290,6 +330,7 @@ mod tests {
             4.0
         );
         assert_eq!(at("09:00:00.004"), 32_400_004.0);
+        assert_eq!(at("01:02.5"), 62_500.0);
         for text in ["", "5", "9:00", "2026-13-41 10:00:00", "x 10:00:00"] {
             assert_eq!(stamp_ms(text, Decimal::Point), None, "{text}");
         }

@@ -374,11 +374,20 @@ impl Parser<'_> {
 
 /// Error for a time that is not after the one before it.
 pub(crate) fn not_increasing(file: &Path, value: f64, before: f64) -> Problem {
+    // A point between thousands: 1.000 after 996.
+    let thousandfold = 1e3 * value - before;
+    let remedy = if value == before {
+        "export the times with more decimals: rounded ones are equal (a sheet's cells as numbers, or as hh:mm:ss.000)"
+    } else if thousandfold > 0.0 && thousandfold < 0.05 * before {
+        "export the times without separators of thousands: this one may be a thousand times as long"
+    } else {
+        "sort the samples, keep one for each time, and give each recording a file of its own"
+    };
     Problem::error(
         file,
         format!("{value} ms after {before} ms"),
         "increasing times",
-        "sort the samples, keep one for each time, and give each recording a file of its own",
+        remedy,
     )
 }
 

@@ -59,6 +59,19 @@ fn begin_s(annotations: &[u8]) -> Option<f64> {
     onset.parse::<f64>().ok().filter(|s| s.is_finite())
 }
 
+/// Times of all records \[s\], of which one without a time follows the one before it or precedes the one
+/// after it; `None` where no record has one.
+fn begins_of(told: &[Option<f64>], duration_s: f64) -> Option<Vec<f64>> {
+    let first = told.iter().position(Option::is_some)?;
+    let mut next = told[first]? - duration_s * first as f64;
+    let begins = told.iter().map(|begin| {
+        let begin = begin.unwrap_or(next);
+        next = begin + duration_s;
+        begin
+    });
+    Some(begins.collect())
+}
+
 fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Problem>), Problem> {
     let damaged = |found: String, expected: &str| {
         Problem::error(
@@ -213,11 +226,32 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Probl
         }
         None
     };
-    let is_plus = kind.starts_with("EDF+") || kind.starts_with("BDF+");
-    let begins: Option<Vec<f64>> = is_plus
-        .then(|| (0..records).map(record_begin).collect())
-        .flatten();
-    let interrupted = kind.starts_with("EDF+D") || kind.starts_with("BDF+D");
+    // Times that records state count, whether or not the header says that there are any.
+    let told: Vec<Option<f64>> = (0..records).map(record_begin).collect();
+    let without: Vec<usize> = (0..records).filter(|r| told[*r].is_none()).collect();
+    let begins = begins_of(&told, duration_s);
+    if begins.is_some() && !without.is_empty() {
+        let named: Vec<String> = (without.iter().take(5))
+            .map(|record| (record + 1).to_string())
+            .collect();
+        warnings.push(Problem::warning(
+            file,
+            format!(
+                "{} of {records} records without a time: number {}{}",
+                without.len(),
+                named.join(", "),
+                if without.len() > named.len() {
+                    ", …"
+                } else {
+                    ""
+                }
+            ),
+            "the time of each record in its annotations",
+            "check the export; a record without a time is taken to follow the one before it",
+        ));
+    }
+    let upper = kind.to_ascii_uppercase();
+    let interrupted = upper.starts_with("EDF+D") || upper.starts_with("BDF+D");
     if interrupted && begins.is_none() {
         return Err(Problem::error(
             file,
@@ -249,8 +283,9 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Probl
     let n_gaps = gaps.iter().filter(|gap| **gap > 1.0).count();
     if n_gaps > 0 {
         let total: f64 = gaps.iter().filter(|gap| **gap > 1.0).sum();
+        let gaps = if n_gaps == 1 { "gap" } else { "gaps" };
         let told = format!(
-            "{n_gaps} gaps of {:.1} s in all between records, as their annotations say",
+            "{n_gaps} {gaps} of {:.1} s in all between records, as their annotations say",
             1e-3 * total
         );
         if interrupted {
@@ -258,7 +293,10 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Probl
         } else {
             warnings.push(Problem::warning(
                 file,
-                format!("{told}, although the header calls it continuous ({kind})"),
+                format!(
+                    "{told}, although the header calls it continuous ({})",
+                    if kind.is_empty() { "EDF" } else { &kind }
+                ),
                 "records without gaps in a continuous file",
                 "check the export; the records' own times count",
             ));
@@ -403,6 +441,17 @@ fn grid(bytes: &[u8], file: &Path, wanted: &[Wanted]) -> Result<(Grid, Vec<Probl
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_record_without_a_time_follows_its_neighbours() {
+        let of = |told: &[Option<f64>]| begins_of(told, 2.0);
+        assert_eq!(of(&[None, None]), None);
+        assert_eq!(
+            of(&[Some(1.0), None, Some(9.0), None]),
+            Some(vec![1.0, 3.0, 9.0, 11.0])
+        );
+        assert_eq!(of(&[None, None, Some(9.0)]), Some(vec![5.0, 7.0, 9.0]));
+    }
 
     /// A file with the given signals: label, unit, samples of each record.
     fn made(
@@ -567,7 +616,7 @@ mod tests {
             let warned = reading
                 .problems
                 .iter()
-                .any(|p| p.to_string().contains("1 gaps of 5.5 s"));
+                .any(|p| p.to_string().contains("1 gap of 5.5 s"));
             assert_eq!(warned, kind == "EDF+C");
         }
     }

@@ -168,13 +168,15 @@ fn value(cell: &Data, commas: Commas) -> Option<f64> {
         Data::Int(value) => Some(*value as f64),
         Data::String(text) => {
             let text = text.trim();
-            number(text.as_bytes(), Decimal::Point).or_else(|| match commas {
-                Commas::Decimal => number(text.as_bytes(), Decimal::Comma),
-                Commas::Thousands => is_grouped(text)
-                    .then(|| number(text.replace(',', "").as_bytes(), Decimal::Point))
-                    .flatten(),
-                Commas::Unknown => None,
-            })
+            number(text.as_bytes(), Decimal::Point)
+                .or_else(|| match commas {
+                    Commas::Decimal => number(text.as_bytes(), Decimal::Comma),
+                    Commas::Thousands => is_grouped(text)
+                        .then(|| number(text.replace(',', "").as_bytes(), Decimal::Point))
+                        .flatten(),
+                    Commas::Unknown => None,
+                })
+                .or_else(|| time_ms(cell))
         }
         other => time_ms(other),
     }

@@ -33,10 +33,19 @@ impl Label {
             None => Self::new(name),
             Some(unit) => {
                 let name = name.trim().trim_matches('"').trim();
+                let titled = Self::new(name);
+                let (bare, unit_of_both) = match &titled.unit {
+                    Some(own) if is_same_unit(own, unit) => (titled.name.as_str(), unit.to_owned()),
+                    // Two units for one column: neither counts.
+                    Some(own) if name.ends_with([')', ']', '}']) => {
+                        (titled.name.as_str(), format!("{own} or {unit}"))
+                    }
+                    _ => (name, unit.to_owned()),
+                };
                 Self {
                     full: format!("{name} ({unit})"),
-                    name: name.to_owned(),
-                    unit: Some(unit.to_owned()),
+                    name: bare.to_owned(),
+                    unit: Some(unit_of_both),
                 }
             }
         }
@@ -91,6 +100,9 @@ const TIME: Dimension = Dimension {
         ("us", 1e-3),
         ("µs", 1e-3),
         ("min", 6e4),
+        ("minutes", 6e4),
+        ("hours", 3.6e6),
+        ("days", 8.64e7),
     ],
 };
 const PRESSURE: Dimension = Dimension {
@@ -171,6 +183,24 @@ impl Dimension {
     }
 }
 
+/// Whether a unit stands for numbers without a calibration.
+fn is_arbitrary(unit: &str) -> bool {
+    let unit: String = unit
+        .chars()
+        .filter(|c| c.is_alphanumeric())
+        .flat_map(char::to_lowercase)
+        .collect();
+    ["", "au", "nu", "adu", "counts", "raw", "units"].contains(&unit.as_str())
+}
+
+/// Whether two units are the same, whatever their spelling.
+fn is_same_unit(a: &str, b: &str) -> bool {
+    DIMENSIONS.iter().any(|dimension| {
+        let factor = dimension.factor(a);
+        factor.is_some() && factor == dimension.factor(b)
+    })
+}
+
 /// Whether a text is the unit of any quantity, or stands for no unit.
 pub(crate) fn is_unit(text: &str) -> bool {
     let inner = text
@@ -189,6 +219,10 @@ pub(crate) struct Known {
     names: &'static [&'static str],
     /// Name that fits only if it is the only column of its kind; it gets a warning.
     general: &'static [&'static str],
+    /// Words that tell the quantity within a longer name, if the unit is one of the quantity's.
+    within: &'static [&'static str],
+    /// Whether its unit does not matter, because only its shape is read.
+    needs_no_unit: bool,
     /// Whether the first of several columns may be taken.
     first_of_several: bool,
 }
@@ -210,6 +244,10 @@ pub(crate) const KNOWN: [Known; 6] = [
             "t",
             "times",
             "elapsedtime",
+            "timestamp",
+            "datetime",
+            "dateandtime",
+            "timeofday",
             "relativetime",
             "triggertime",
             "phasetime",
@@ -221,6 +259,8 @@ pub(crate) const KNOWN: [Known; 6] = [
             "tijd",
         ],
         general: &[],
+        within: &[],
+        needs_no_unit: false,
         first_of_several: true,
     },
     Known {
@@ -240,6 +280,8 @@ pub(crate) const KNOWN: [Known; 6] = [
             "lvprs",
         ],
         general: &["pressure", "press", "p", "druck", "pression"],
+        within: &[],
+        needs_no_unit: false,
         first_of_several: false,
     },
     Known {
@@ -261,6 +303,8 @@ pub(crate) const KNOWN: [Known; 6] = [
             "aopress",
         ],
         general: &[],
+        within: &[],
+        needs_no_unit: false,
         first_of_several: false,
     },
     Known {
@@ -280,6 +324,8 @@ pub(crate) const KNOWN: [Known; 6] = [
             "bloodflow",
         ],
         general: &[],
+        within: &[],
+        needs_no_unit: false,
         first_of_several: false,
     },
     Known {
@@ -313,6 +359,8 @@ pub(crate) const KNOWN: [Known; 6] = [
             "surfaceecg",
         ],
         general: &[],
+        within: &["ecg", "ekg"],
+        needs_no_unit: true,
         first_of_several: true,
     },
     Known {
@@ -339,6 +387,8 @@ pub(crate) const KNOWN: [Known; 6] = [
             "cavityvolume",
         ],
         general: &[],
+        within: &[],
+        needs_no_unit: false,
         first_of_several: false,
     },
 ];
@@ -393,6 +443,15 @@ pub(crate) fn find(labels: &[Label], wanted: &Wanted) -> Result<Match, NoMatch> 
             .collect()
     };
     let mut places = named(known.names);
+    if places.is_empty() {
+        let has_word = |i: &usize| {
+            let name = plain_name(&labels[*i].name);
+            let unit = labels[*i].unit.as_deref();
+            known.within.iter().any(|word| name.contains(word))
+                && unit.is_some_and(|unit| known.dimension.factor(unit).is_some())
+        };
+        places = (0..labels.len()).filter(has_word).collect();
+    }
     let by_kind = places.is_empty();
     if by_kind {
         places = named(known.general);
@@ -423,13 +482,15 @@ pub(crate) fn find(labels: &[Label], wanted: &Wanted) -> Result<Match, NoMatch> 
         [place, ..] if known.first_of_several => place,
         _ => return Err(NoMatch::Several(places)),
     };
-    let Some(unit) = &labels[place].unit else {
-        return Err(NoMatch::NoUnit(place));
+    let factor = match &labels[place].unit {
+        None if known.needs_no_unit => 1.0,
+        None => return Err(NoMatch::NoUnit(place)),
+        Some(unit) => known
+            .dimension
+            .factor(unit)
+            .or_else(|| (known.needs_no_unit && is_arbitrary(unit)).then_some(1.0))
+            .ok_or(NoMatch::OtherUnit(place, known.dimension.name))?,
     };
-    let factor = known
-        .dimension
-        .factor(unit)
-        .ok_or(NoMatch::OtherUnit(place, known.dimension.name))?;
     Ok(Match {
         place,
         factor,
@@ -489,10 +550,29 @@ mod tests {
         );
         assert_eq!(of(&["t (ms)", "Druck (hPa)"], "lv_pressure").unwrap().0, 1);
         assert_eq!(of(&["ECG (\u{3bc}V)"], "ecg"), Ok((0, 1e-3)));
+        // Any lead, and without a unit: only the times of R waves are read.
+        for name in ["EKG V5 (mV)", "Surface EKG (mV)", "ECG", "ECG (a.u.)"] {
+            assert_eq!(of(&["LVP (mmHg)", name], "ecg"), Ok((1, 1.0)), "{name}");
+        }
         // dP/dt of the same channel has another unit.
         assert_eq!(
             of(&["LVP (mmHg)", "LVP (mmHg/s)"], "lv_pressure"),
             Ok((0, 1.0))
+        );
+    }
+
+    #[test]
+    fn a_unit_in_the_name_and_beside_it_must_agree() {
+        let label = Label::with_unit("LVP [mm Hg]", Some("mmHg"));
+        assert_eq!(
+            find(&[label], &Wanted::new("lv_pressure")).map(|m| m.factor),
+            Ok(1.0)
+        );
+        let label = Label::with_unit("LVP (kPa)", Some("mmHg"));
+        assert_eq!(label.unit.as_deref(), Some("kPa or mmHg"));
+        assert_eq!(
+            find(&[label], &Wanted::new("lv_pressure")),
+            Err(NoMatch::OtherUnit(0, "a pressure"))
         );
     }
 
@@ -502,6 +582,11 @@ mod tests {
         assert_eq!(
             of(&["LVP (V)"], "lv_pressure"),
             Err(NoMatch::OtherUnit(0, "a pressure"))
+        );
+        assert_eq!(of(&["ECG HR (bpm)"], "ecg"), Err(NoMatch::None),);
+        assert_eq!(
+            of(&["ECG (bpm)"], "ecg"),
+            Err(NoMatch::OtherUnit(0, "a voltage"))
         );
         assert_eq!(
             of(&["LVP 1 (mmHg)", "LVP 2 (mmHg)"], "lv_pressure"),

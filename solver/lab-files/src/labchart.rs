@@ -12,7 +12,7 @@ use std::path::Path;
 
 use cardiotwin_signals::Problem;
 
-use crate::clock::{Clock, DAY_MS, time_of_day_ms};
+use crate::clock::{Clock, DAY_MS, is_date, other_interval, time_of_day_ms};
 use crate::delimited::refused;
 use crate::grid::Grid;
 use crate::headers::Label;
@@ -137,6 +137,7 @@ pub fn parse(
         said.push(format!("comments: {}{more}", named.join(", ")));
     }
     let labels = joined.labels();
+    let contradiction = other_interval(file, joined.interval_ms, &joined.times_ms);
     let Block {
         line,
         times_ms,
@@ -153,7 +154,9 @@ pub fn parse(
         lines: runs,
         said,
     };
-    grid.choose(file, &times_of_the_file(wanted))
+    let mut reading = grid.choose(file, &times_of_the_file(wanted));
+    reading.problems.extend(contradiction);
+    reading
 }
 
 /// Decimal sign of the export, from the interval and the first rows.
@@ -394,15 +397,6 @@ impl Reader<'_> {
 /// Cells of the part of a row before its comment.
 fn cells_of(numbers: &str) -> Vec<&str> {
     numbers.split('\t').map(str::trim).collect()
-}
-
-/// Whether a cell is a date, such as 2/3/2026, 02.03.2026 or 2026-03-02.
-fn is_date(cell: &str) -> bool {
-    let parts: Vec<&str> = cell.split(['/', '-', '.']).collect();
-    parts.len() == 3
-        && parts
-            .iter()
-            .all(|part| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit()))
 }
 
 /// Number of rows from which the form of a block is seen.

@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use crate::clock::{Clock, DateOrder, stamp_in_order_ms, stamp_ms};
+use crate::clock::{Clock, DateOrder, is_date, stamp_in_order_ms, stamp_ms};
 use crate::dialect::cells;
 use crate::headers::{KNOWN, Label, is_unit};
 use crate::number::Decimal;
@@ -38,26 +38,38 @@ pub(crate) fn without_stamps<'a>(decoded: &Decoded<'a>) -> Option<(Decoded<'a>, 
         .unit
         .and_then(|unit| KNOWN[0].dimension.factor(&unit));
     let with_comma = separator != b',' && decimal_comma(&lines[first..], separator);
-    let of_column = text
+    let dates = dates_beside(&lines[first..], separator, place);
+    let stamp = |row: &[&str]| -> Option<String> {
+        let time = *row.get(place)?;
+        let date = dates.and_then(|dates| row.get(dates).copied());
+        Some(date.map_or_else(|| time.to_owned(), |date| dated(date, time)))
+    };
+    let of_column: Vec<String> = text
         .lines()
         .skip(first)
-        .filter_map(|line| cells(line, separator).get(place).copied());
-    let order = DateOrder::of(of_column);
+        .filter_map(|line| stamp(&cells(line, separator)))
+        .collect();
+    let order = DateOrder::of(of_column.iter().map(String::as_str));
     let (mut clock, mut begin) = (Clock::default(), None);
     let mut out = String::with_capacity(text.len());
     for (i, line) in text.lines().enumerate() {
-        let mut row: Vec<Cow<'_, str>> = cells(line, separator)
-            .into_iter()
-            .map(Cow::Borrowed)
-            .collect();
+        let bare = cells(line, separator);
+        let whole = stamp(&bare);
+        let mut row: Vec<Cow<'_, str>> = bare.into_iter().map(Cow::Borrowed).collect();
+        if i >= first
+            && let Some(date) = dates.and_then(|dates| row.get_mut(dates))
+        {
+            *date = Cow::Borrowed("");
+        }
         if let Some(cell) = row.get_mut(place) {
             if i == unit_line && units_below {
                 *cell = Cow::Borrowed("ms");
             } else if i == header && factor.is_none() && !units_below {
                 *cell = Cow::Owned(format!("{} (ms)", name.trim_matches('"')));
             } else if i >= first
-                && let Some(ms) =
-                    stamp_in_order_ms(cell, Decimal::Point, order).and_then(|ms| clock.count_on(ms))
+                && let Some(ms) = whole
+                    .and_then(|whole| stamp_in_order_ms(&whole, Decimal::Point, order))
+                    .and_then(|ms| clock.count_on(ms))
             {
                 let since = ms - *begin.get_or_insert(ms);
                 let value = since / factor.unwrap_or(1.0);
@@ -76,12 +88,39 @@ pub(crate) fn without_stamps<'a>(decoded: &Decoded<'a>) -> Option<(Decoded<'a>, 
         }
         out.push('\n');
     }
-    let said = format!("column `{name}` has times of day, read as ms since the first");
+    let with_dates = if dates.is_some() {
+        ", with the dates beside it"
+    } else {
+        ""
+    };
+    let said = format!("column `{name}` has times of day, read as ms since the first{with_dates}");
     let decoded = Decoded {
         text: Cow::Owned(out),
         encoding: decoded.encoding,
     };
     Some((decoded, said))
+}
+
+/// A date and a time of day in cells of their own, as one stamp.
+fn dated(date: &str, time: &str) -> String {
+    let bare = |cell: &str| cell.trim().trim_matches('"').trim().to_owned();
+    format!("{} {}", bare(date), bare(time))
+}
+
+/// Place of a column of dates in some rows beside the column of times, of which each has no date itself.
+fn dates_beside(rows: &[&str], separator: u8, place: usize) -> Option<usize> {
+    let rows: Vec<Vec<&str>> = rows
+        .iter()
+        .take(ROWS)
+        .map(|line| cells(line, separator))
+        .collect();
+    let width = rows.iter().map(Vec::len).min()?;
+    let in_all = |k: &usize| {
+        let stamped = |row: &Vec<&str>| stamp_ms(&dated(row[*k], row[place]), Decimal::Point);
+        rows.iter()
+            .all(|row| is_date(row[*k]) && stamped(row).is_some())
+    };
+    (0..width).filter(|k| *k != place).find(in_all)
 }
 
 /// Place of the column of stamps and index of its first line.

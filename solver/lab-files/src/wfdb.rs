@@ -35,6 +35,8 @@ struct Signal {
     baseline: f64,
     label: Label,
     first: i32,
+    /// First sample that the header states.
+    stated_first: Option<i32>,
     /// Sum of all samples that the header states, in 16 bits.
     checksum: Option<i32>,
 }
@@ -202,8 +204,34 @@ fn grid(text: &str, file: &Path, beside: &mut Beside<'_>) -> Result<(Grid, Vec<P
                 &format!("{n_frames}, as the record line states"),
             ));
         }
+        // Packed formats fill up their last bytes.
+        if there > n_frames + 1 {
+            let problem = Problem::warning(
+                file,
+                format!("{there} frames in `{}`", first.file),
+                format!("{n_frames}, as the record line states"),
+                "copy the record again if the rest belongs to it: it is not read",
+            );
+            warnings.push(problem.at_line(first.line));
+        }
         let mut offset = 0;
         for (signal, count) in group.iter().zip(each) {
+            let begin = flat.get(offset).copied().flatten();
+            if let (Some(stated), Some(begin)) = (signal.stated_first, begin)
+                && stated != begin
+                && signal.format != Format::Differences
+            {
+                let problem = Problem::warning(
+                    file,
+                    format!(
+                        "signal `{}` whose first sample is {begin}",
+                        signal.label.full
+                    ),
+                    format!("{stated}, as the header states"),
+                    "copy the record again: samples may be lost or in another order",
+                );
+                warnings.push(problem.at_line(signal.line));
+            }
             let samples = (0..n_frames).flat_map(|frame| {
                 let at = frame * width + offset;
                 &flat[at..at + count]
@@ -345,15 +373,12 @@ fn signal(line_number: usize, line: &str) -> Result<Signal, String> {
         baseline: baseline.unwrap_or_else(|| f64::from(zero)),
         label: if uncalibrated && unit.trim() != "mV" {
             // Raw numbers have no unit, whatever the header calls it.
-            Label {
-                full: description.clone(),
-                name: description,
-                unit: None,
-            }
+            Label::with_unit(&description, Some("gain 0: not calibrated"))
         } else {
             Label::with_unit(&description, Some(unit))
         },
         first: first.unwrap_or(zero),
+        stated_first: first,
         checksum,
     })
 }
@@ -455,6 +480,26 @@ mod tests {
     }
 
     #[test]
+    fn frames_in_another_order_and_too_many_are_told() {
+        let header = "r 1 500 4\nr.dat 16 10/mmHg 16 0 95 1086 0 LVP\n";
+        let bytes =
+            |samples: &[i16]| -> Vec<u8> { samples.iter().flat_map(|s| s.to_le_bytes()).collect() };
+        assert_eq!(read(header, &bytes(&[95, 995, 3, -7])).problems, []);
+        let turned = read(header, &bytes(&[3, -7, 95, 995]));
+        let told = turned.problems[0].to_string();
+        assert!(
+            turned.table.is_some()
+                && told.contains("r.hea:2")
+                && told.contains("first sample is 3; expected 95"),
+            "{told}"
+        );
+        let more = read(header, &bytes(&[95, 995, 3, -7, 1, 2, 3]));
+        let told = more.problems[0].to_string();
+        assert!(told.contains("7 frames in `r.dat`; expected 4"), "{told}");
+        assert_eq!(more.table.unwrap().columns["time"].len(), 4);
+    }
+
+    #[test]
     fn a_gain_of_zero_is_no_calibration() {
         let header = "r 2 500\nr.dat 16 0/mmHg 16 0 0 8 0 LVP\nr.dat 16 0/mV 16 0 0 4 0 ECG\n";
         let bytes: Vec<u8> = [5_i16, 1, 3, 3]
@@ -462,7 +507,7 @@ mod tests {
             .flat_map(|s| s.to_le_bytes())
             .collect();
         let told = read(header, &bytes).problems[0].to_string();
-        assert!(told.contains("`LVP` without a unit"), "{told}");
+        assert!(told.contains("`LVP (gain 0: not calibrated)`"), "{told}");
         // Of an electrocardiogram 200 units for a millivolt are usual (header(5)).
         let only = header.replace("LVP", "Resp").replace("0/mmHg", "10/L");
         let table = read(&only, &bytes).table.unwrap();

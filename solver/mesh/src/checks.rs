@@ -28,9 +28,11 @@ use std::collections::{BTreeMap, HashMap};
 
 /// Largest accepted deviation of a fibre's length from one.
 const UNIT_TOLERANCE: f64 = 1e-3;
-/// Cosine of the angle up to which two fibres have one direction (26°): a placeholder with noise or a
+/// Cosine of the angle up to which a fibre has the usual direction (26°): a placeholder with noise or a
 /// little bent is one too. The fibres of a ventricle turn by more than 90°.
 const ALIKE: f64 = 0.9;
+/// Share of fibres in the usual direction from which they are a placeholder. A ventricle has up to 0.3.
+const PLACEHOLDER: f64 = 0.5;
 /// Nodes count as doubled if their distance is less than this share of the mean edge.
 pub(crate) const DOUBLED: f64 = 1e-4;
 
@@ -328,16 +330,40 @@ fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
     }
 }
 
-/// A warning where the fibres of all contracting elements have one direction.
+/// A warning where most fibres of the contracting elements have one direction.
 fn one_direction(mesh: &TetMesh, contracting: &[usize]) -> Option<Defect> {
-    let first = mesh.frames[*contracting.first()?].fibre;
-    let alike = |e: &usize| {
-        let along = crate::vec3::dot(mesh.frames[*e].fibre, first);
-        along.abs() > ALIKE * norm(first) * norm(mesh.frames[*e].fibre)
-    };
+    let fibres = || contracting.iter().map(|e| mesh.frames[*e].fibre);
+    let usual = usual_direction(fibres())?;
+    let alike = |fibre: &Vec3| crate::vec3::dot(*fibre, usual).abs() > ALIKE * norm(*fibre);
     let of = contracting.len();
-    (of > 1 && norm(first) > 0.0 && contracting.iter().all(alike))
-        .then_some(Defect::OneDirection { of })
+    let n = fibres().filter(alike).count();
+    (of > 1 && n as f64 > PLACEHOLDER * of as f64).then_some(Defect::OneDirection { n, of })
+}
+
+/// Steps of the power iteration for the usual direction.
+const POWER_STEPS: usize = 30;
+
+/// The direction along which most fibres lie, whatever their signs: the first principal axis. `None` without
+/// fibres.
+fn usual_direction(fibres: impl Iterator<Item = Vec3>) -> Option<Vec3> {
+    let mut moments = [[0.0; 3]; 3];
+    for fibre in fibres {
+        let square = crate::vec3::dot(fibre, fibre);
+        if square > 0.0 && square.is_finite() {
+            for (row, a) in moments.iter_mut().zip(fibre) {
+                row.iter_mut()
+                    .zip(fibre)
+                    .for_each(|(m, b)| *m += a * b / square);
+            }
+        }
+    }
+    // The column with the largest diagonal is not perpendicular to the axis.
+    let first = (0..3).max_by(|a, b| moments[*a][*a].total_cmp(&moments[*b][*b]))?;
+    let mut axis = crate::vec3::unit(moments[first])?;
+    for _ in 0..POWER_STEPS {
+        axis = crate::vec3::unit(moments.map(|row| crate::vec3::dot(row, axis)))?;
+    }
+    Some(axis)
 }
 
 /// Defects of the activation: sites without contracting tissue near them, or invalid times.

@@ -3,7 +3,8 @@
 
 use cardiotwin_vocabulary::preparation::{BeatSource, BeatsStep};
 
-use crate::filter::{centre_and_spread, median, smooth};
+use crate::filter::{median, smooth};
+use crate::hum::without_hum;
 use crate::landmarks::{refine, usual_course};
 use crate::recording::Recording;
 use crate::{r_waves, upstrokes};
@@ -25,6 +26,14 @@ const AGREES: f64 = 0.6;
 /// Spread of the time from R wave to steepest rise, as a share of the usual beat, above which the two
 /// belong to different hearts or clocks. Of one heart it is some hundredths.
 const SCATTER: f64 = 0.08;
+/// Time from R wave to steepest rise, as a share of the usual beat and in ms, above which the clocks of the two
+/// differ; both must be exceeded. Of one heart it is some 0.1, and through a long line up to 0.2.
+const LATE: (f64, f64) = (0.3, 150.0);
+/// Share of the delays that lie within the spread, and that share of a normal distribution in standard
+/// deviations: up to a fifth of the R waves may be false without a word.
+const MOST: (f64, f64) = (0.8, 1.2816);
+/// Usual change of a signal by the removal of spikes, over the largest one, above which hum was removed.
+const EVERYWHERE: f64 = 0.05;
 /// Difference of delays from which a cleaned signal is preferred \[ms\].
 const CLEARLY_MS: f64 = 20.0;
 /// Share of the maximal slope below which the pressure has not begun to rise.
@@ -79,6 +88,11 @@ pub enum EcgRefused {
         once: usize,
         /// All beats between R waves.
         of: usize,
+    },
+    /// The pressure rises later after its R waves than in any heart, as if the clocks differed.
+    Late {
+        /// Usual time from the R wave to the steepest rise \[ms\].
+        delay_ms: f64,
     },
     /// The pressure rises at any time after its R waves, as if they were another heart's.
     Scattered {
@@ -235,8 +249,12 @@ impl RWaves {
             return as_it_is;
         }
         let still = r_waves::without_spikes(recording, ecg_mv);
-        let silent = r_waves::without_hum(recording, &still);
-        let cleaned = [(Cleaned::Spikes, still), (Cleaned::SpikesAndHum, silent)]
+        let silent = without_hum(recording, &still);
+        let of_still = match changes_everywhere(ecg_mv, &still) {
+            true => Cleaned::SpikesAndHum,
+            false => Cleaned::Spikes,
+        };
+        let cleaned = [(of_still, still), (Cleaned::SpikesAndHum, silent)]
             .map(|(how, ecg)| Self::judged(recording, &ecg, rises_ms, Some(how)));
         cleaned.into_iter().fold(as_it_is, |best, other| {
             if other.is_better_than(&best) {
@@ -281,7 +299,7 @@ impl RWaves {
             cleaned,
             once: delays.len(),
             of: beats.len(),
-            delay_ms: centre_and_spread(&delays),
+            delay_ms: usual_and_spread(&delays),
             length_ms: median(beats.iter().map(|beat| beat.length_ms)),
             empty,
         }
@@ -292,7 +310,11 @@ impl RWaves {
     }
 
     fn agrees(&self) -> bool {
-        self.of > 0 && self.share() >= AGREES && !self.is_scattered()
+        self.of > 0 && self.share() >= AGREES && !self.is_scattered() && !self.is_late()
+    }
+
+    fn is_late(&self) -> bool {
+        self.delay_ms.0 > LATE.1.max(LATE.0 * self.length_ms)
     }
 
     fn is_scattered(&self) -> bool {
@@ -314,6 +336,10 @@ impl RWaves {
     fn refusal(&self) -> EcgRefused {
         if self.empty {
             EcgRefused::Empty
+        } else if self.of > 0 && self.share() >= AGREES && !self.is_scattered() {
+            EcgRefused::Late {
+                delay_ms: self.delay_ms.0,
+            }
         } else if self.of > 0 && self.share() >= AGREES {
             EcgRefused::Scattered {
                 spread_ms: self.delay_ms.1,
@@ -325,6 +351,24 @@ impl RWaves {
             }
         }
     }
+}
+
+/// Median of delays, and the standard deviation of a normal distribution of which as many lie as near to
+/// it.
+fn usual_and_spread(delays_ms: &[f64]) -> (f64, f64) {
+    let usual = median(delays_ms.iter().copied());
+    let mut apart: Vec<f64> = delays_ms.iter().map(|d| (d - usual).abs()).collect();
+    apart.sort_by(f64::total_cmp);
+    let place = (MOST.0 * apart.len() as f64) as usize;
+    (usual, apart.get(place).map_or(f64::NAN, |d| d / MOST.1))
+}
+
+/// Whether a cleaned signal differs from the raw one everywhere, as without hum, and not here and there,
+/// as without spikes.
+fn changes_everywhere(raw: &[f64], cleaned: &[f64]) -> bool {
+    let change = || std::iter::zip(raw, cleaned).map(|(a, b)| (a - b).abs());
+    let largest = change().filter(|c| c.is_finite()).fold(0.0, f64::max);
+    median(change()) > EVERYWHERE * largest
 }
 
 /// Time from the foot of the rise to its steepest point \[ms\]. The foot is the last time before the

@@ -17,6 +17,7 @@ pub mod drift;
 pub mod ejection;
 pub mod events;
 mod filter;
+pub mod hum;
 mod landmarks;
 pub mod noise;
 pub mod prepare;

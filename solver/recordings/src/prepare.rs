@@ -138,9 +138,11 @@ pub fn prepare(raw: &Raw, steps: &RawSteps) -> Result<Prepared, PrepareError> {
         .map(|number| found.beats[number - 1])
         .collect();
     if kept.is_empty() {
+        let first = reasons.iter().find_map(|reasons| reasons.first());
+        let first = first.map_or_else(String::new, |reason| format!(" (the first: {reason})"));
         return Err(PrepareError::NoneKept {
             n_found,
-            why: counts(&reasons),
+            why: counts(&reasons) + &first,
         });
     }
     let of = |pressure: &Option<Vec<f64>>| {

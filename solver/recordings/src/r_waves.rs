@@ -22,11 +22,6 @@ const WINDOW_MS: f64 = 2000.0;
 /// Half width of the median that takes out pacing spikes \[ms\]. A spike lasts up to 2 ms, and the
 /// filters of an amplifier widen it; a human QRS complex lasts 60 ms or more.
 const SPIKE_MS: f64 = 8.0;
-/// Frequencies of mains \[Hz\].
-const MAINS_HZ: [f64; 2] = [50.0, 60.0];
-/// Interval over which the hum of mains is fitted \[ms\]. The frequency of mains is within 0.2 Hz
-/// of its nominal value, so that the phase drifts little.
-const HUM_MS: f64 = 500.0;
 
 /// The electrocardiogram without pacing spikes: a running median.
 pub(crate) fn without_spikes(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> {
@@ -41,46 +36,6 @@ pub(crate) fn without_spikes(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> 
             }
         })
         .collect()
-}
-
-/// The electrocardiogram without the hum of mains: sines of 50 and 60 Hz are fitted by least squares
-/// to pieces and taken out.
-pub(crate) fn without_hum(recording: &Recording, ecg_mv: &[f64]) -> Vec<f64> {
-    let mut out = ecg_mv.to_vec();
-    // Slow deflections must not pass for hum.
-    let slow = moving_average(ecg_mv, recording.samples(20.0));
-    let piece = recording.samples(HUM_MS);
-    for hz in MAINS_HZ {
-        let turn = std::f64::consts::TAU * hz * recording.step_ms * 1e-3;
-        if turn > 0.9 * std::f64::consts::PI {
-            continue;
-        }
-        for begin in (0..ecg_mv.len()).step_by(piece) {
-            let range = begin..(begin + piece).min(ecg_mv.len());
-            let (mut cc, mut ss, mut cs, mut yc, mut ys) = (0.0, 0.0, 0.0, 0.0, 0.0);
-            for i in range.clone() {
-                let y = out[i] - slow[i];
-                if y.is_finite() {
-                    let (s, c) = (turn * i as f64).sin_cos();
-                    cc += c * c;
-                    ss += s * s;
-                    cs += c * s;
-                    yc += y * c;
-                    ys += y * s;
-                }
-            }
-            let det = cc * ss - cs * cs;
-            if det <= 1e-9 * cc.max(ss).powi(2) {
-                continue;
-            }
-            let (a, b) = ((yc * ss - ys * cs) / det, (ys * cc - yc * cs) / det);
-            for i in range {
-                let (s, c) = (turn * i as f64).sin_cos();
-                out[i] -= a * c + b * s;
-            }
-        }
-    }
-    out
 }
 
 /// Times of R waves after the recording's beginning \[ms\].

@@ -8,7 +8,7 @@ mod steps;
 
 use cardiotwin_recordings::prepare::{PrepareError, Prepared, Raw, prepare};
 use cardiotwin_schemas::preparation::{BeatLeftOut, BeatsFound, Preparation};
-use cardiotwin_signals::checks::{Facts, contradictions};
+use cardiotwin_signals::checks::{Facts, contradictions, top_is_cut};
 use cardiotwin_signals::{Problem, Quantity, Trace};
 
 pub use afterload::{EjectionFlow, EjectionFlowError, ejection_flow, table as afterload_table};
@@ -94,6 +94,7 @@ fn contradictions_of(
     });
     let told = Facts {
         cycle_ms: average.cycle_length_ms,
+        cut_beats: cut_beats(folder, prepared),
         pressure: pressure.as_ref(),
         aortic_pressure: aortic_pressure.as_ref(),
         volume: volume.as_ref(),
@@ -109,6 +110,23 @@ fn contradictions_of(
         .first()
         .map_or("the recordings", |input| input.file.as_str());
     contradictions(&told, &folder.file.accept, std::path::Path::new(file))
+}
+
+/// Beats of the mean whose own top an amplifier cut, and all of them.
+fn cut_beats(folder: &RawFolder, prepared: &Prepared) -> Option<[usize; 2]> {
+    let recording = &folder.recording;
+    let pressure = recording.channels.lv_pressure_mmhg.as_ref()?;
+    let at = |ms: f64| ((ms / recording.step_ms).round() as usize).min(pressure.len());
+    let of_mean: Vec<Trace> = prepared
+        .judged()
+        .filter(|(_, _, reasons)| reasons.is_empty())
+        .filter_map(|(_, beat, _)| {
+            let values = pressure.get(at(beat.onset_ms)..at(beat.onset_ms + beat.length_ms))?;
+            Trace::uniform(Quantity::Pressure, recording.step_ms, values.to_vec()).ok()
+        })
+        .collect();
+    let n_cut = of_mean.iter().filter(|beat| top_is_cut(beat)).count();
+    Some([n_cut, of_mean.len()])
 }
 
 fn beats(folder: &RawFolder, prepared: &Prepared) -> BeatsFound {

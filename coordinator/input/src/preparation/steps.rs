@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use cardiotwin_recordings::beats::{Cleaned, EcgRefused};
 use cardiotwin_recordings::drift::Drift;
+use cardiotwin_recordings::hum::amplitude;
 use cardiotwin_recordings::prepare::{Prepared, PreparedVolume, counts};
 use cardiotwin_schemas::preparation::{StepDone, StepState};
 use cardiotwin_schemas::raw::{BeatSource, NoiseOf, RawSteps, VolumeAdjustment};
@@ -57,6 +58,11 @@ fn of_ecg(prepared: &Prepared) -> Vec<String> {
              {of} beats between its R waves: beats begin with the pressure's rise. Check the lead, \
              or set source in [steps.beats]"
         )),
+        Some(EcgRefused::Late { delay_ms }) => said.push(format!(
+            "the electrocardiogram does not agree with the pressure, which rises {delay_ms:.0} ms after its R \
+             waves: beats begin with the pressure's rise. Check that both have one clock, or set source in \
+             [steps.beats]"
+        )),
         Some(EcgRefused::Scattered { spread_ms }) => said.push(format!(
             "the electrocardiogram does not agree with the pressure, whose rises come at any time \
              after its R waves (they vary by {spread_ms:.0} ms): beats begin with the pressure's rise. \
@@ -82,6 +88,28 @@ fn of_ecg(prepared: &Prepared) -> Vec<String> {
         None => {}
     }
     said
+}
+
+/// Amplitude of hum in a pressure from which a warning is given, mmHg.
+const HUM_MMHG: f64 = 2.0;
+
+/// Warnings about hum in the pressures, which the mean of few beats keeps.
+fn of_hum(folder: &RawFolder) -> Vec<String> {
+    let channels = &folder.recording.channels;
+    let pressures = [
+        ("ventricle", &channels.lv_pressure_mmhg),
+        ("aorta", &channels.aortic_pressure_mmhg),
+    ];
+    let told = |(name, values): (&str, &Option<Vec<f64>>)| {
+        let mmhg = amplitude(&folder.recording, values.as_ref()?);
+        (mmhg > HUM_MMHG).then(|| {
+            format!(
+                "the {name}'s pressure has a hum of mains of {mmhg:.1} mmHg, which moves end-diastolic \
+                 pressure and slopes: filter it at 50 or 60 Hz, or record again"
+            )
+        })
+    };
+    pressures.into_iter().filter_map(told).collect()
 }
 
 /// Pause from which the heart may have changed, so that a warning is given, ms.
@@ -558,6 +586,7 @@ pub fn warnings(folder: &RawFolder, prepared: &Prepared) -> Vec<String> {
     }
     said.extend(of_pauses(folder));
     said.extend(of_ecg(prepared));
+    said.extend(of_hum(folder));
     let of_images = prepared.volume.as_ref();
     let Some(volume) = of_images.filter(|volume| !volume.on_pressure_clock) else {
         return said;

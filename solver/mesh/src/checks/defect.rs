@@ -201,8 +201,9 @@ pub enum Defect {
         worst: f64,
         places: Vec<Place>,
     },
-    /// All contracting elements have fibres of one direction, as a placeholder has.
+    /// Most contracting elements have fibres of one direction, as a placeholder has.
     OneDirection {
+        n: usize,
         of: usize,
     },
     /// The rule makes the fibres, although the file has directions under names that no reader knows.
@@ -459,8 +460,11 @@ impl Defect {
                     "{n} of {of} contracting elements without a unit fibre, the worst of length {worst}"
                 )
             }
-            Self::OneDirection { of } => {
+            Self::OneDirection { n, of } if n == of => {
                 format!("fibres of one direction in all {of} contracting elements")
+            }
+            Self::OneDirection { n, of } => {
+                format!("fibres of one direction in {n} of {of} contracting elements")
             }
             Self::UnreadDirections { names } => {
                 let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();

@@ -27,12 +27,24 @@ const NEAR_BOTTOM: f64 = 0.01;
 /// which the pressure stops too suddenly for a relaxation.
 const SUDDEN: [f64; 2] = [0.012, 0.03];
 
+/// Share of beats with a cut top from which their mean is too low.
+const CUT_BEATS: f64 = 0.25;
+
 /// The rule for the ventricle and the aorta.
 pub(super) fn clipped(facts: &Facts<'_>) -> Verdict {
     if let Some(pressure) = facts.pressure {
         let [least, most] = extremes(pressure);
-        if top_is_cut(pressure) {
-            let found = format!("a pressure that stays at its largest value of {most:.1} mmHg");
+        let of_beats = (facts.cut_beats).filter(|[cut, of]| *cut as f64 > CUT_BEATS * *of as f64);
+        let found = match of_beats {
+            _ if top_is_cut(pressure) => Some(format!(
+                "a pressure that stays at its largest value of {most:.1} mmHg"
+            )),
+            Some([cut, of]) => Some(format!(
+                "a pressure that stays at its largest value in {cut} of {of} beats, with a mean peak of {most:.1} mmHg"
+            )),
+            None => None,
+        };
+        if let Some(found) = found {
             return match facts.aorta {
                 Some([systolic, _]) if systolic > most => {
                     Broken(format!("{found}, below the aorta's {systolic:.1} mmHg"))
@@ -51,8 +63,48 @@ pub(super) fn clipped(facts: &Facts<'_>) -> Verdict {
             "an aortic pressure that stays at its largest value of {:.1} mmHg",
             extremes(aorta)[1]
         )),
+        Some(aorta) if end_of_diastole_is_cut(aorta) => Doubtful(format!(
+            "an aortic pressure that stays at its smallest value of {:.1} mmHg",
+            extremes(aorta)[0]
+        )),
         _ => Holds,
     }
+}
+
+/// Whether an aorta's pressure stands still at its smallest value: it falls until the valve opens. An average
+/// of cut beats swings below the cut by a little where it turns.
+fn end_of_diastole_is_cut(trace: &Trace) -> bool {
+    let [low, high] = extremes(trace);
+    let range = high - low;
+    let values = trace.values();
+    let Some(top) = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])) else {
+        return false;
+    };
+    // From the largest pressure on, so that the end of the beat joins its begin.
+    let from_top: Vec<f64> = values[top..]
+        .iter()
+        .chain(&values[..top])
+        .copied()
+        .collect();
+    let below = |share: f64| {
+        from_top
+            .iter()
+            .filter(|v| **v <= low + share * range)
+            .count()
+    };
+    let still = (0..from_top.len()).map(|i| {
+        let same = |v: &&f64| (**v - from_top[i]).abs() <= STILL * range;
+        let is_bottom = from_top[i] <= low + NEAR_BOTTOM * range;
+        if is_bottom {
+            from_top[i..].iter().take_while(same).count()
+        } else {
+            0
+        }
+    });
+    let (n, base) = (still.max().unwrap_or(0), below(0.05));
+    // Values in steps stand still for as long as the pressure falls by one.
+    let rounded = STANDS_ROUNDED * resolution(trace) / 0.05;
+    n >= FEWEST && n as f64 > STANDS.max(rounded) * base as f64
 }
 
 /// Indices of the first and last sample within a share of the range below the top, and how many samples
@@ -82,7 +134,8 @@ fn resolution(trace: &Trace) -> f64 {
 
 /// Whether the peak is flat: almost as wide near its top as five percent below it, or a part of it stands
 /// still as no rounded peak does.
-fn top_is_cut(trace: &Trace) -> bool {
+#[must_use]
+pub fn top_is_cut(trace: &Trace) -> bool {
     let times = trace.time_ms();
     let width = |(first, last, _): (usize, usize, usize)| times[last] - times[first];
     let base = within(trace, 0.05);
@@ -176,6 +229,26 @@ mod tests {
     }
 
     #[test]
+    fn a_mean_of_some_cut_beats_is_told() {
+        let sound = pressure([0.0, 200.0], 0.1);
+        for (cut, is_told) in [(0, false), (2, false), (4, true), (11, true)] {
+            let facts = Facts {
+                cycle_ms: CYCLE_MS,
+                pressure: Some(&sound),
+                cut_beats: Some([cut, 11]),
+                ..Facts::default()
+            };
+            match clipped(&facts) {
+                Doubtful(found) => assert!(
+                    is_told && found.contains(&format!("in {cut} of 11 beats")),
+                    "{found}"
+                ),
+                _ => assert!(!is_told, "{cut} beats"),
+            }
+        }
+    }
+
+    #[test]
     fn a_bottom_is_cut_where_relaxation_stops_suddenly() {
         for least in [15.0, 20.0, 40.0] {
             let Doubtful(found) = of(&pressure([least, 200.0], 0.1)) else {
@@ -198,6 +271,27 @@ mod tests {
             ..Facts::default()
         };
         assert!(matches!(clipped(&facts), Doubtful(found) if found.contains("aortic")));
+        // Diastole ends with a fall, which a too high lower end of the range cuts.
+        let aortic = |least: f64| {
+            let values = (0..225).map(|i| {
+                let t = 4.0 * f64::from(i);
+                let up = 1.0 / (1.0 + (-(t - 80.0) / 12.0).exp());
+                let fall = 54.0 * (-(t - 200.0).max(0.0) / 900.0).exp() + 6.0;
+                (60.0 - 0.02 * t + up * fall).max(least)
+            });
+            Trace::uniform(Quantity::Pressure, 4.0, values.collect()).unwrap()
+        };
+        for (least, is_cut) in [(0.0, false), (70.0, true), (76.0, true)] {
+            let aorta = aortic(least);
+            let facts = Facts {
+                aortic_pressure: Some(&aorta),
+                ..facts
+            };
+            match clipped(&facts) {
+                Doubtful(found) => assert!(is_cut && found.contains("smallest"), "{found}"),
+                _ => assert!(!is_cut, "{least}"),
+            }
+        }
         let below = Facts {
             pressure: Some(&cut),
             aorta: Some([114.0, 60.0]),

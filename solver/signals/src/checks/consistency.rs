@@ -9,7 +9,7 @@ use super::clipped;
 pub use super::facts::Facts;
 use super::facts::Verdict::{self, Broken, Doubtful, Holds};
 use super::facts::extremes;
-use crate::Problem;
+use crate::{Problem, Trace};
 use std::path::Path;
 
 /// A rule of the table.
@@ -32,6 +32,9 @@ const BELOW_AORTA_MMHG: f64 = 15.0;
 /// Pressure by which a ventricle's peak may lie above the aorta's systolic one \[mmHg\]. A larger gradient
 /// is a stenosis, or a wrong unit or zero.
 const ABOVE_AORTA_MMHG: f64 = 20.0;
+/// Time from half of the ventricle's rise to half of the aorta's \[ms\]: some 40 ms in the root, and more in a
+/// distant artery or through a long fluid-filled line.
+const APART_MS: std::ops::RangeInclusive<f64> = -30.0..=150.0;
 /// Relative difference of two volumes of the same beat that is doubtful, and that is an error.
 const VOLUMES: [f64; 2] = [0.1, 0.3];
 /// Relative difference of two largest pressures that is doubtful, and that is an error.
@@ -61,7 +64,7 @@ const CALCIUM_PEAK_UM: [[f64; 2]; 2] = [[0.1, 10.0], [0.02, 20.0]];
 const CALCIUM_REST_UM: f64 = 0.6;
 
 /// All rules.
-pub const RULES: [Rule; 16] = [
+pub const RULES: [Rule; 17] = [
     Rule {
         name: "ventricle-below-aorta",
         expected: "a ventricle that reaches the aorta's pressure in systole",
@@ -82,6 +85,13 @@ pub const RULES: [Rule; 16] = [
         remedy: "check the unit, scale and zero of both; a stenosis of the valve or of the aorta makes such a gradient",
         key: "measured.aortic_pressure",
         test: ventricle_above_aorta,
+    },
+    Rule {
+        name: "aorta-apart",
+        expected: "an aorta that rises with the ventricle, or up to 150 ms later through a long line",
+        remedy: "one of the two is of another time: move it, or record both with one clock",
+        key: "measured.aortic_pressure",
+        test: aorta_apart,
     },
     Rule {
         name: "clipped",
@@ -291,24 +301,49 @@ fn ventricle_above_aorta(facts: &Facts<'_>) -> Verdict {
     }
 }
 
+/// Time of the last sample below half of a pressure's rise before its largest value \[ms\]; `None` where it
+/// begins above.
+fn half_of_rise_ms(pressure: &Trace) -> Option<f64> {
+    let [low, high] = extremes(pressure);
+    let values = pressure.values();
+    // From the last sample below half before the longest stretch above it: noise may cross twice.
+    let top = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b]))?;
+    let half = 0.5 * (low + high);
+    let before = values[..top].iter().rposition(|v| *v < half)?;
+    Some(pressure.time_ms()[before])
+}
+
+fn aorta_apart(facts: &Facts<'_>) -> Verdict {
+    let (Some(ventricle), Some(aorta)) = (facts.pressure, facts.aortic_pressure) else {
+        return Holds;
+    };
+    let Some(rise) = half_of_rise_ms(ventricle) else {
+        return Holds;
+    };
+    let Some(of_aorta) = half_of_rise_ms(aorta) else {
+        return Doubtful(format!(
+            "an aorta that is above half of its rise as the beat begins, {rise:.0} ms before the ventricle rises"
+        ));
+    };
+    if APART_MS.contains(&(of_aorta - rise)) {
+        return Holds;
+    }
+    Doubtful(format!(
+        "an aorta that rises {:.0} ms after the ventricle",
+        of_aorta - rise
+    ))
+}
+
 fn beat_begin(facts: &Facts<'_>) -> Verdict {
     let Some(pressure) = facts.pressure else {
         return Holds;
     };
-    let [low, high] = extremes(pressure);
-    let half = 0.5 * (low + high);
-    let (times, values) = (pressure.time_ms(), pressure.values());
-    // From the last sample below half before the longest stretch above it: noise may cross twice.
-    let Some(top) = (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])) else {
-        return Holds;
-    };
-    let Some(before) = values[..top].iter().rposition(|v| *v < half) else {
+    let Some(rise) = half_of_rise_ms(pressure) else {
         return Broken(format!(
             "a pressure of {:.1} mmHg at time 0, above half of its rise",
-            values[0]
+            pressure.values()[0]
         ));
     };
-    let rise = times[before];
     graded(
         rise / facts.cycle_ms,
         RISE,

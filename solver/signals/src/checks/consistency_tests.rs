@@ -18,6 +18,22 @@ fn pressure(top: f64, roll_ms: f64) -> Trace {
     Trace::uniform(Quantity::Pressure, 1.0, values.collect()).unwrap()
 }
 
+/// A pressure in the aorta, which rises some 30 ms after the ventricle's and the delay.
+fn aorta(delay_ms: f64) -> Trace {
+    let at = |t: f64| {
+        let t = (t - delay_ms).rem_euclid(800.0);
+        let up = 1.0 / (1.0 + (-(t - 110.0) / 10.0).exp());
+        let fall = (-(t - 250.0_f64).max(0.0) / 700.0).exp();
+        70.0 - 0.02 * t.min(110.0) + up * 48.0 * fall
+    };
+    Trace::uniform(
+        Quantity::Pressure,
+        4.0,
+        (0..200).map(|i| at(4.0 * f64::from(i))).collect(),
+    )
+    .unwrap()
+}
+
 fn volume() -> Trace {
     let values =
         (0..32).map(|i| 100.0 + 35.0 * (f64::from(i) / 32.0 * std::f64::consts::TAU).cos());
@@ -46,11 +62,13 @@ fn each_rule_is_broken_by_its_fault_alone_and_can_be_accepted() {
         pressure(90.0, 0.0),
         pressure(200.0, 400.0),
     );
+    let (in_time, late) = (aorta(0.0), aorta(240.0));
     let volume = volume();
     let [in_um, in_nm, in_mm, ratio] =
         [[0.1, 0.6], [100.0, 600.0], [1e-4, 6e-4], [1.0, 2.5]].map(transient);
     let facts = Facts {
         calcium: Some(&in_um),
+        cut_beats: None,
         cycle_ms: 800.0,
         pressure: Some(&sound),
         volume: Some(&volume),
@@ -68,6 +86,11 @@ fn each_rule_is_broken_by_its_fault_alone_and_can_be_accepted() {
         aortic_flow_ml_per_s: Some(85.0),
     };
     assert_eq!(told(&facts, &[]), Vec::<String>::new());
+    let of_root = Facts {
+        aortic_pressure: Some(&in_time),
+        ..facts
+    };
+    assert_eq!(told(&of_root, &[]), Vec::<String>::new());
     let no_aorta = Facts {
         aorta: None,
         ..facts
@@ -255,6 +278,14 @@ fn each_rule_is_broken_by_its_fault_alone_and_can_be_accepted() {
                 ..facts
             },
             "error",
+        ),
+        (
+            "aorta-apart",
+            Facts {
+                aortic_pressure: Some(&late),
+                ..facts
+            },
+            "warning",
         ),
         (
             "calcium-range",

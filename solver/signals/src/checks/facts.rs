@@ -10,6 +10,8 @@ pub struct Facts<'a> {
     pub cycle_ms: f64,
     /// Pressure of the left ventricle over one beat \[mmHg\].
     pub pressure: Option<&'a Trace>,
+    /// Recorded beats whose own top is cut, and the beats of the mean.
+    pub cut_beats: Option<[usize; 2]>,
     /// Volume of the left ventricle over one beat \[mL\].
     pub volume: Option<&'a Trace>,
     /// Systolic and diastolic pressure of the aorta \[mmHg\].

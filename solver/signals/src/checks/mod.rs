@@ -21,9 +21,11 @@ use crate::Problem;
 use cardiotwin_units::Ms;
 use measured::extremes;
 
+pub use clipped::top_is_cut;
 pub use consistency::{COMPARISONS, Facts, RULES, Rule, contradictions};
 pub use further::check_further;
 pub use measured::{Measured, MeasuredVolume, Source};
+pub use range::LARGEST_ML;
 
 /// All problems of a patient's measured data, errors first.
 ///

@@ -6,7 +6,7 @@ use crate::Problem;
 /// Peak pressures of a left ventricle, mmHg.
 const PEAK_MMHG: std::ops::Range<f64> = 50.0..350.0;
 /// Largest volumes of a left ventricle, mL: from a newborn's to a failing one's.
-const LARGEST_ML: std::ops::Range<f64> = 4.0..900.0;
+pub const LARGEST_ML: std::ops::Range<f64> = 4.0..900.0;
 /// A ventricle relaxes below this fraction of its peak pressure, dimensionless.
 const RELAXED: f64 = 0.35;
 /// A ventricle keeps more than this fraction of its largest volume, dimensionless.

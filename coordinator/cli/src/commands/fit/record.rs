@@ -166,6 +166,9 @@ pub fn read_from(
             "note: {left_out} omitted, at times without a measured flow"
         ));
     }
+    if let Some(problem) = no_beat(&record, pressure) {
+        return Err(trace::refused(problem, talk));
+    }
     let described = AfterloadRecord {
         flow: source.name(),
         pressure: pressure.display().to_string(),
@@ -196,6 +199,31 @@ pub fn read_from(
         record,
         described,
         doubts,
+    })
+}
+
+/// Lengths of a beat \[ms\].
+const CYCLE_MS: std::ops::RangeInclusive<f64> = 100.0..=5000.0;
+/// Smallest difference of a pulse's pressures \[mmHg\].
+const PULSE_MMHG: f64 = 1.0;
+
+/// Why a record is none of a heart's beats.
+fn no_beat(record: &Record, pressure: &Path) -> Option<Problem> {
+    let (cycle_ms, pulse) = (record.cycle_ms(), record.pulse_pressure_mmhg());
+    if !CYCLE_MS.contains(&cycle_ms) {
+        let expected = format!("a beat of {} to {} ms", CYCLE_MS.start(), CYCLE_MS.end());
+        let remedy = "are the times in s, or numbers of samples? convert those of both files to ms";
+        let found = format!("a beat of {cycle_ms:.4} ms");
+        return Some(Problem::error(pressure, found, expected, remedy).at_key("time_ms"));
+    }
+    (pulse < PULSE_MMHG).then(|| {
+        Problem::error(
+            pressure,
+            format!("a pulse pressure of {pulse:.3} mmHg"),
+            format!("a pulse of at least {PULSE_MMHG} mmHg"),
+            "give the aorta's pressure of at least one beat, not its mean",
+        )
+        .at_key(Quantity::Pressure.column())
     })
 }
 

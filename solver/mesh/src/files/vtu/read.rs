@@ -9,7 +9,7 @@ use crate::files::error::{MeshFileError, read_bytes};
 use crate::node_fibres::NodeFibres;
 use crate::surface::Surface;
 use crate::tet_mesh::{Frame, TetMesh};
-use crate::vec3::Vec3;
+use crate::vec3::{Vec3, cross, norm};
 use roxmltree::{Document, Node};
 use std::cell::Cell;
 use std::path::Path;
@@ -86,12 +86,24 @@ pub fn parse(bytes: &[u8], file: &Path, unit: LengthUnit) -> Result<Grid, MeshFi
     reader.grid(unit)
 }
 
-/// Names of the arrays of directions that [`read`] took neither as fibres nor as sheets.
+/// Names of the arrays that [`read`] took neither as fibres nor as sheets, though they contain directions or
+/// are named after fibres.
 #[must_use]
 pub fn unread_directions(grid: &Grid) -> Vec<String> {
     let fields = grid.cell_fields.iter().chain(&grid.point_fields);
-    let unread = fields.filter(|field| !SHEETS.is(&field.name) && are_directions(field));
+    let unread = fields.filter(|field| {
+        !SHEETS.is(&field.name) && (are_directions(field) || is_named_after_fibres(&field.name))
+    });
     unread.map(|field| field.name.clone()).collect()
+}
+
+/// Whether a name speaks of fibres: three components, angles or several fibres of an element may be in one
+/// array or in several.
+fn is_named_after_fibres(name: &str) -> bool {
+    let name = name.to_lowercase();
+    ["fiber", "fibre", "orientation"]
+        .iter()
+        .any(|word| name.contains(word))
 }
 
 /// Share of an array's vectors that have the same length where the array contains directions.
@@ -448,7 +460,8 @@ impl<'a> Reader<'a> {
             .map(|cell| [0, 1, 2, 3].map(|i| cells[*cell][i]))
             .collect();
         grid.mesh.tags = vec![0; tets.len()];
-        let (mut fibres, mut sheets, mut tagged) = (None, None, false);
+        let mut fibres: Option<(String, Vec<Vec3>)> = None;
+        let (mut sheets, mut tagged) = (None, false);
         for field in self.fields(piece, "CellData", n_cells)? {
             let width = field.n_components;
             if let Some(name) = field.name.strip_prefix(SURFACE_PREFIX) {
@@ -472,9 +485,20 @@ impl<'a> Reader<'a> {
                     grid.mesh.tags = self.tags(piece, &values)?;
                     tagged = true;
                 }
-                (name, 3) if FIBRES.is(name) && fibres.is_none() => {
+                (name, 3) if FIBRES.is(name) => {
                     self.used(piece, name, &values)?;
-                    fibres = Some(vectors(&values));
+                    let these = vectors(&values);
+                    match &fibres {
+                        Some((first, others)) if !are_parallel(others, &these) => {
+                            return Err(self.error(
+                                piece,
+                                format!("the arrays {first} and {name} with other directions"),
+                                "one array of fibres (rename or remove the other)",
+                            ));
+                        }
+                        Some(_) => {}
+                        None => fibres = Some((field.name, these)),
+                    }
                 }
                 (name, 3) if SHEETS.is(name) && sheets.is_none() => {
                     self.used(piece, name, &values)?;
@@ -521,7 +545,7 @@ impl<'a> Reader<'a> {
             let middle = |tet: &[u32; 4]| grid.mesh.fibres.frame(tet, &[0.25; 4]).unwrap_or(none);
             grid.mesh.frames = grid.mesh.tets.iter().map(middle).collect();
         }
-        if let Some(fibres) = fibres {
+        if let Some((_, fibres)) = fibres {
             for (e, fibre) in fibres.into_iter().enumerate() {
                 let sheet = sheets.as_ref().map(|sheets| sheets[e]);
                 grid.mesh
@@ -583,6 +607,15 @@ impl<'a> Reader<'a> {
         }
         Ok(cells)
     }
+}
+
+/// Largest sine of the angle between two fibres of the same element that are the same.
+const PARALLEL: f64 = 1e-3;
+
+/// Whether two arrays have the same directions, whatever the signs and lengths.
+fn are_parallel(a: &[Vec3], b: &[Vec3]) -> bool {
+    let apart = |(a, b): (&Vec3, &Vec3)| norm(cross(*a, *b)) <= PARALLEL * norm(*a) * norm(*b);
+    a.iter().zip(b).all(apart)
 }
 
 fn vectors(values: &[f64]) -> Vec<Vec3> {
