@@ -9,10 +9,11 @@
 //! - `PRESSURE`: pressure trace that every heart gets
 //!
 //! ```text
-//! rough-anatomies MESH THREADS
+//! rough-anatomies MESH THREADS SECONDS [NAME ...]
 //! ```
 //!
-//! Searches each heart's passive state as step 0 does and prints a table.
+//! Searches the passive state of each heart, or of those named, as step 0 does, but on its own mesh alone, and prints a row of a
+//! table as each ends. A search of more than `SECONDS` of processor time is stopped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
@@ -49,9 +50,15 @@ const LAYER_MM: f64 = 1.2;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let source = match &arguments[..] {
-        [_, source, _] | [source, _] => source,
-        _ => return Err("expected COHORT MESH PRESSURE, or MESH THREADS".into()),
+    let limits = match &arguments[..] {
+        [_, threads, seconds, ..] => threads.parse().ok().zip(seconds.parse().ok()),
+        _ => None,
+    };
+    let source = match (&arguments[..], limits) {
+        ([source, ..], Some(_)) | ([_, source, _], None) => source,
+        _ => {
+            return Err("expected COHORT MESH PRESSURE, or MESH THREADS SECONDS [NAME ...]".into());
+        }
     };
     let mut public = carp::read(Path::new(source), LengthUnit::Micrometre)?;
     public.tags.fill(tags::LEFT_VENTRICLE);
@@ -83,19 +90,21 @@ fn main() -> Result<(), Box<dyn Error>> {
             ),
         ),
     ];
-    if let [_, threads] = &arguments[..] {
+    if let Some((threads, seconds)) = limits {
         println!(
-            "| shape | nodes | mean ratio: least, mean | Newton; linear iterations | s | outcome |"
+            "| shape | nodes | mean ratio: least, mean | Newton; linear iterations | s, processor s | outcome |"
         );
         println!("|---|---|---|---|---|---|");
-        let threads = threads.parse()?;
+        let wanted = &arguments[3..];
         for (name, mesh) in shapes {
-            println!("{}", row(name, mesh, threads));
+            if wanted.is_empty() || wanted.iter().any(|own| own == name) {
+                println!("{}", row(name, mesh, threads, seconds));
+            }
         }
         return Ok(());
     }
     let [cohort, _, pressure] = &arguments[..] else {
-        unreachable!("two arguments were handled above")
+        unreachable!("other arguments were handled above")
     };
     for (name, mesh) in shapes {
         write(
@@ -109,26 +118,40 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// A row of the table.
-fn row(name: &str, mesh: TetMesh, threads: usize) -> String {
+fn row(name: &str, mesh: TetMesh, threads: usize, seconds: f64) -> String {
     let quality = Quality::of(&mesh);
-    let begun = Instant::now();
-    let (work, outcome) = match searched(mesh.clone(), threads) {
+    let (begun, before) = (Instant::now(), processor_s());
+    let (work, outcome) = match searched(mesh.clone(), threads, seconds) {
         Ok((work, outcome)) => (work, outcome),
         Err(error) => (SearchWork::default(), error.to_string()),
     };
     format!(
-        "| {name} | {} | {:.3}, {:.2} | {}; {} | {:.0} | {outcome} |",
+        "| {name} | {} | {:.3}, {:.2} | {}; {} | {:.0}, {:.0} | {outcome} |",
         mesh.n_nodes(),
         quality.min,
         quality.mean,
         work.newton_iterations,
         work.krylov_iterations,
-        begun.elapsed().as_secs_f64()
+        begun.elapsed().as_secs_f64(),
+        processor_s() - before
     )
 }
 
+/// Processor time of this process, all threads together \[s\]; zero where the system does not tell.
+fn processor_s() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // Fields after the name: the 12th and 13th are user and system time in hundredths of a second.
+    let fields = stat.rsplit(')').next().unwrap_or_default();
+    let ticks = fields.split_whitespace().skip(11).take(2);
+    ticks.filter_map(|t| t.parse::<f64>().ok()).sum::<f64>() / 100.0
+}
+
 /// Work and outcome of the search on a mesh that `cardiotwin check` accepts.
-fn searched(mut mesh: TetMesh, threads: usize) -> Result<(SearchWork, String), Box<dyn Error>> {
+fn searched(
+    mut mesh: TetMesh,
+    threads: usize,
+    seconds: f64,
+) -> Result<(SearchWork, String), Box<dyn Error>> {
     mesh.frames.clear();
     mesh.surfaces = find_surfaces(&mesh)?;
     let found = check(&mesh, LengthUnit::Millimetre, &Expected::default());
@@ -155,10 +178,15 @@ fn searched(mut mesh: TetMesh, threads: usize) -> Result<(SearchWork, String), B
         slope: None,
         steepened_by: None,
     };
-    let mut work = SearchWork::default();
+    let (mut work, mut laws, mut passes) = (SearchWork::default(), 0, 0);
+    let end_s = processor_s() + seconds;
     let mut watch = |progress: &SearchProgress| {
-        work = progress.work;
-        ControlFlow::Continue(())
+        (work, laws, passes) = (progress.work, progress.trials, progress.passes);
+        if processor_s() < end_s {
+            ControlFlow::Continue(())
+        } else {
+            ControlFlow::Break(())
+        }
     };
     let settings = UnloadingSettings::for_anatomy(&anatomy);
     let mut search = Search::watched(settings, &mut watch);
@@ -170,9 +198,16 @@ fn searched(mut mesh: TetMesh, threads: usize) -> Result<(SearchWork, String), B
             1e-3 * found.unloaded_volume_mm3,
             1e-3 * found.volume_mm3
         ),
-        Err(error) => error.to_string(),
+        Err(error) => format!("law {laws}, pass {passes}: {}", chain(&error)),
     };
     Ok((work, outcome))
+}
+
+/// An error with its causes.
+fn chain(error: &(dyn Error + 'static)) -> String {
+    let causes = std::iter::successors(Some(error), |&error| error.source());
+    let texts: Vec<String> = causes.map(ToString::to_string).collect();
+    texts.join(": ")
 }
 
 /// Writes a patient, and prints a line about its mesh.

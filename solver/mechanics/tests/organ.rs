@@ -284,6 +284,34 @@ fn a_watcher_sees_every_newton_iteration_and_a_fit_ends_at_its_bound_of_work() {
 }
 
 #[test]
+fn a_law_that_takes_too_much_work_gives_way_to_stiffer_ones() {
+    let (mesh, _) = heart();
+    let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");
+    let mut settings = UnloadingSettings::default();
+    settings.most_of_a_law.newton_iterations = 3;
+    let mut search = Search::new(settings);
+    let ended = fit(
+        &Piece::whole(&anatomy),
+        &WallParameters::default(),
+        &THREE_POINTS,
+        None,
+        &mut search,
+    );
+    let Err(PassiveStateError::TooMuchWork {
+        ends_the_search,
+        work,
+        trials,
+        ..
+    }) = ended
+    else {
+        panic!("{ended:?}");
+    };
+    assert!(!ends_the_search, "{work:?}");
+    // Each law has the same work: ln C rises by 0.7 while it stays below 4.
+    assert_eq!((work.newton_iterations, trials), (6 * 4, 6));
+}
+
+#[test]
 fn stiffness_and_unloaded_state_meet_image_and_end_diastole() {
     let (mesh, _) = heart();
     let anatomy = Anatomy::of(&mesh, &MUSCLE, ElementKind::LINEAR_NODAL).expect("an anatomy");

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use cardiotwin_electrophysiology::ElectrophysiologyError;
-use cardiotwin_mechanics::organ::{AnatomyError, PassiveStateError};
+use cardiotwin_mechanics::organ::{AnatomyError, Farthest, PassiveStateError};
 use cardiotwin_mesh::eikonal::EikonalError;
 use cardiotwin_mesh::ellipsoid::EllipsoidError;
 use cardiotwin_mesh::laplace::LaplaceError;
@@ -42,8 +42,8 @@ pub enum FiniteElementError {
     PassiveState(#[from] PassiveStateError),
     /// The search for the passive state was given up.
     #[error(
-        "step 0 found no passive state within its bound of work; the mesh's flattest tetrahedron, at ({:.1}, {:.1}, {:.1}) mm, has a \
-         mean ratio of {mean_ratio:.3} (1 is regular, 0 is flat)", at_mm[0], at_mm[1], at_mm[2]
+        "step 0 found no passive state within its bound of work; {}the mesh's flattest tetrahedron, at ({:.1}, {:.1}, {:.1}) mm, has \
+         a mean ratio of {mean_ratio:.3} (1 is regular, 0 is flat)", missed(source), at_mm[0], at_mm[1], at_mm[2]
     )]
     TooMuchWork {
         /// Smallest mean ratio of an element.
@@ -109,6 +109,23 @@ pub enum FiniteElementError {
         /// Tags of the mesh's passive tissue.
         passive: Vec<i32>,
     },
+}
+
+/// The place in the image that a search missed most, in words.
+fn missed(error: &PassiveStateError) -> String {
+    match error {
+        PassiveStateError::TooMuchWork {
+            farthest:
+                Some(Farthest {
+                    distance_mm,
+                    at_mm: [x, y, z],
+                }),
+            ..
+        } => format!(
+            "the unloaded wall misses the image most at ({x:.1}, {y:.1}, {z:.1}) mm, by {distance_mm:.2} mm; "
+        ),
+        _ => String::new(),
+    }
 }
 
 fn listed(tags: &[i32]) -> String {
@@ -184,7 +201,7 @@ impl FiniteElementError {
             ),
             Self::PassiveState(_) => Some("use another mesh size, or give passive.guccione_C_kPa"),
             Self::TooMuchWork { .. } => Some(
-                "remesh a mesh with flat tetrahedra (`cardiotwin mesh remesh`), or correct wall, volumes and pressures, or give passive.guccione_C_kPa",
+                "make thin tissue of valves and aortic root passive (`cardiotwin mesh repair --passive-above`), remesh a mesh with flat tetrahedra (`cardiotwin mesh remesh`), correct wall, volumes and pressures, or give passive.guccione_C_kPa",
             ),
             Self::OwnMesh { .. } => Some(
                 "mend the mesh or [anatomy.mesh] of patient.toml; `cardiotwin check` tells what is missing",

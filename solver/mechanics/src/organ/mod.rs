@@ -32,7 +32,7 @@ pub use passive_state_error::PassiveStateError;
 pub use piece::{Piece, parts_of};
 pub use rank::RankFigures;
 pub use right_ventricle::{PressureCourse, RightPressure, RightVentricle};
-pub use search::{Search, SearchProgress, UnloadingSettings, Watch};
+pub use search::{Farthest, Search, SearchProgress, UnloadingSettings, Watch};
 pub use search_work::SearchWork;
 pub use ventricle::{FiniteElementVentricle, RankParts, VentricleParts, VentricleWork};
 pub use wall::{PassiveTissue, Spring, SprungSurface, WallError, WallParameters};

@@ -108,7 +108,7 @@ pub fn fit(
             unloaded_volume_mm3,
         } => {
             let wall = fit_stiffness(wall, unloaded_volume_mm3, true, tolerance, |wall| {
-                search.trials += 1;
+                search.begin_law();
                 state.unload(piece, wall, end_diastolic_pressure_kpa, search)?;
                 Ok(state.unloaded_volume_mm3())
             })?;
@@ -132,7 +132,7 @@ pub fn fit(
             let wanted = [end_diastolic_volume_mm3, unloaded_volume_mm3];
             let mut expected: Option<Vec<f64>> = None;
             let (wall, slope) = fit_law(wall, wanted, tolerance, slope, |wall| {
-                search.trials += 1;
+                search.begin_law();
                 // Starts from the last geometry found; a law for which none is found leaves it unchanged.
                 let mut next =
                     PassiveState::at(piece, wall, state.unloaded(), state.anchor().to_vec())?
@@ -189,7 +189,7 @@ pub fn stiffened(
         false,
         search.settings.volume_tolerance,
         |wall| {
-            search.trials += 1;
+            search.begin_law();
             let mut next = from_unloaded(wall)?.after(&mut state);
             next.inflate_towards(pressure_kpa, Some(&expected), search)?;
             state = next;

@@ -6,12 +6,12 @@
 
 use std::ops::ControlFlow;
 
-use cardiotwin_linalg::parallel::VectorLayout;
+use cardiotwin_linalg::parallel::{Communicator, VectorLayout};
 
 use super::passive_state_error::PassiveStateError;
 use super::piece::Piece;
 use super::rigid::rigid_motion;
-use super::search::{Place, Search};
+use super::search::{Farthest, Place, Search};
 use super::wall::{WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::step::{Closure, Passive, Solver, StepError, StepReport, StepSettings, step_watched};
@@ -297,7 +297,7 @@ impl PassiveState {
                     if load < settings.smallest_load {
                         match self.relax(p, search) {
                             Ok(()) => {}
-                            Err(error) if error.ends_the_search() => return Err(error),
+                            Err(error) if error.ends_the_law() => return Err(error),
                             Err(_) => {
                                 return Err(PassiveStateError::Inflation {
                                     reached_kpa: self.pressure_kpa,
@@ -371,7 +371,7 @@ impl PassiveState {
                     *self = again;
                     return Ok(());
                 }
-                Err(error) if error.ends_the_search() => return Err(error),
+                Err(error) if error.ends_the_law() => return Err(error),
                 Err(_) => {}
             }
         }
@@ -413,7 +413,7 @@ impl PassiveState {
                 Err(error) => {
                     load = 0.5 * (target - reached);
                     before = None;
-                    if load < search.settings.smallest_load || error.ends_the_search() {
+                    if load < search.settings.smallest_load || error.ends_the_law() {
                         return Err(error);
                     }
                 }
@@ -470,14 +470,9 @@ impl PassiveState {
             .map(|((x, u), image)| x + u - image)
             .collect();
             let volume_error = (self.volume_mm3() - image_volume).abs() / image_volume;
-            let lengths = miss
-                .as_chunks::<3>()
-                .0
-                .iter()
-                .map(|m| m.iter().map(|x| x * x).sum::<f64>().sqrt());
-            let mut farthest = [lengths.fold(0.0, f64::max)];
-            self.dynamics.comm.max(&mut farthest);
-            let [distance_mm] = farthest;
+            let farthest = farthest(&*self.dynamics.comm, &miss, &piece.anatomy.nodes);
+            search.farthest = Some(farthest);
+            let distance_mm = farthest.distance_mm;
             if tight
                 && volume_error <= settings.volume_tolerance
                 && distance_mm <= settings.distance_tolerance_mm
@@ -487,7 +482,7 @@ impl PassiveState {
             let not_unloaded = PassiveStateError::NotUnloaded {
                 passes: pass,
                 volume_error,
-                distance_mm,
+                farthest,
             };
             if pass as f64 >= settings.max_passes as f64 / mixing.share {
                 return Err(not_unloaded);
@@ -531,6 +526,30 @@ impl PassiveState {
         }
         Ok(())
     }
+}
+
+/// The node of the image whose distance is largest. Collective.
+///
+/// - `miss`: distances of the nodes from their places in the image, three numbers a node \[mm\]
+fn farthest(comm: &dyn Communicator, miss: &[f64], image: &[[f64; 3]]) -> Farthest {
+    let mut own = (0.0, [f64::NEG_INFINITY; 3]);
+    for (miss, node) in miss.as_chunks::<3>().0.iter().zip(image) {
+        let length = miss.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if length > own.0 {
+            own = (length, *node);
+        }
+    }
+    let mut largest = [own.0];
+    comm.max(&mut largest);
+    let [distance_mm] = largest;
+    // The rank that has this node tells its place.
+    let mut at_mm = if own.0 == distance_mm {
+        own.1
+    } else {
+        [f64::NEG_INFINITY; 3]
+    };
+    comm.max(&mut at_mm);
+    Farthest { distance_mm, at_mm }
 }
 
 /// Anderson mixing of depth one for the backward displacement: from the second pass on, the step length follows from how the

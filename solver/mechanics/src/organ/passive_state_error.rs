@@ -2,6 +2,7 @@
 
 use cardiotwin_linalg::parallel::{PartitionError, RankFailure};
 
+use super::search::Farthest;
 use super::search_work::SearchWork;
 use super::wall::WallError;
 use crate::step::StepError;
@@ -27,6 +28,8 @@ pub enum PassiveStateError {
          {pressure_kpa:.2} kPa", work.newton_iterations, work.krylov_iterations
     )]
     TooMuchWork {
+        /// Whether the work of all laws was too much, rather than that of the last one.
+        ends_the_search: bool,
         /// Work until then.
         work: SearchWork,
         /// Number of passive laws tried.
@@ -35,6 +38,8 @@ pub enum PassiveStateError {
         passes: usize,
         /// Pressure of the equilibrium that was sought last \[kPa\].
         pressure_kpa: f64,
+        /// Node that the last pass missed most, if there was a pass.
+        farthest: Option<Farthest>,
         /// Failure of the last equilibrium that was not found, if there was one.
         source: Option<StepError>,
     },
@@ -51,15 +56,15 @@ pub enum PassiveStateError {
     /// The search for the unloaded geometry did not converge.
     #[error(
         "no unloaded geometry found after {passes} passes: relative volume error {volume_error:.1e}, largest node \
-         error {distance_mm:.2} mm"
+         error {:.2} mm at ({:.1}, {:.1}, {:.1}) mm", farthest.distance_mm, farthest.at_mm[0], farthest.at_mm[1], farthest.at_mm[2]
     )]
     NotUnloaded {
         /// Number of passes of the unloading.
         passes: usize,
         /// Relative difference between the inflated volume and the volume of the image.
         volume_error: f64,
-        /// Largest distance of a node from its place in the image \[mm\].
-        distance_mm: f64,
+        /// Node that is farthest from its place in the image.
+        farthest: Farthest,
     },
     /// No law meets the three points.
     #[error(
@@ -106,9 +111,21 @@ pub enum PassiveStateError {
 }
 
 impl PassiveStateError {
+    /// Whether no other way to an equilibrium with the same law is to be tried.
+    #[must_use]
+    pub fn ends_the_law(&self) -> bool {
+        matches!(self, Self::Stopped | Self::TooMuchWork { .. })
+    }
+
     /// Whether the search has to end, whatever else could be tried.
     #[must_use]
     pub fn ends_the_search(&self) -> bool {
-        matches!(self, Self::Stopped | Self::TooMuchWork { .. })
+        match self {
+            Self::Stopped => true,
+            Self::TooMuchWork {
+                ends_the_search, ..
+            } => *ends_the_search,
+            _ => false,
+        }
     }
 }

@@ -15,10 +15,15 @@ use crate::step::{StepError, StepReport, StepSettings};
 /// the plain penalty.
 const FACTORISED_UP_TO: [usize; 2] = [3000, 20_000];
 
-/// Work after which a search is given up. Of 39 hearts of 1,000 nodes, the longest search took 341 Newton iterations; at 8,000
-/// nodes multigrid takes 60 linear iterations for one of Newton's (03-CoA). Thrice their product leaves room for finer meshes.
+/// Work after which a law is given up, and the next one tried. Of 39 hearts of 1,000 nodes, the longest search took 341 Newton
+/// iterations with all its laws; at 8,000 nodes multigrid takes 60 linear iterations for one of Newton's (03-CoA).
+const MOST_OF_A_LAW: SearchWork = SearchWork {
+    newton_iterations: 400,
+    krylov_iterations: 24_000,
+};
+/// Work after which a search is given up: thrice that of a law, with less room for linear iterations.
 const MOST_WORK: SearchWork = SearchWork {
-    newton_iterations: 2500,
+    newton_iterations: 1200,
     krylov_iterations: 60_000,
 };
 
@@ -35,6 +40,8 @@ pub struct UnloadingSettings {
     pub first_load: f64,
     /// Smallest load step of an inflation.
     pub smallest_load: f64,
+    /// Work after which a law is given up by a fit, which then tries the next one.
+    pub most_of_a_law: SearchWork,
     /// Work after which the search is given up. It counts iterations and no seconds: the same heart ends the same way on a busy
     /// machine.
     pub most_work: SearchWork,
@@ -67,6 +74,7 @@ impl Default for UnloadingSettings {
             max_passes: 25,
             first_load: 0.25,
             smallest_load: 0.02,
+            most_of_a_law: MOST_OF_A_LAW,
             most_work: MOST_WORK,
             newton,
         }
@@ -120,6 +128,15 @@ pub struct SearchProgress {
     pub relative_residual: Option<f64>,
 }
 
+/// Node of the image that an inflated wall missed most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Farthest {
+    /// Distance of the inflated node from its place in the image \[mm\].
+    pub distance_mm: f64,
+    /// Place of the node in the image \[mm\].
+    pub at_mm: [f64; 3],
+}
+
 /// Receives the progress of a search and decides whether it continues.
 pub type Watch<'a> = dyn FnMut(&SearchProgress) -> ControlFlow<()> + 'a;
 
@@ -131,6 +148,10 @@ pub struct Search<'a> {
     pub(super) trials: usize,
     /// Work so far.
     pub(super) work: SearchWork,
+    /// Work before the current law.
+    before_law: SearchWork,
+    /// Node that the last pass of an unloading missed most.
+    pub(super) farthest: Option<Farthest>,
     /// Failure of the last equilibrium that was not found.
     pub(super) failed: Option<StepError>,
 }
@@ -152,6 +173,8 @@ impl<'a> Search<'a> {
             watch: None,
             trials: 0,
             work: SearchWork::default(),
+            before_law: SearchWork::default(),
+            farthest: None,
             failed: None,
         }
     }
@@ -174,6 +197,12 @@ pub(super) struct Place {
 }
 
 impl Search<'_> {
+    /// Begins with another passive law.
+    pub(super) fn begin_law(&mut self) {
+        self.trials += 1;
+        self.before_law = self.work;
+    }
+
     /// Asks the watcher before an equilibrium; an error ends the search. Collective.
     pub(super) fn go_on(
         &mut self,
@@ -215,12 +244,18 @@ impl Search<'_> {
             pressure_kpa,
         } = place;
         // All ranks count the same work.
-        if self.work.exceeds(self.settings.most_work) {
+        let in_all = self.work.exceeds(self.settings.most_work);
+        let of_law = self.work.since(self.before_law);
+        // A given law has no successor.
+        let next_law = self.trials > 0 && of_law.exceeds(self.settings.most_of_a_law);
+        if in_all || next_law {
             return Err(PassiveStateError::TooMuchWork {
+                ends_the_search: in_all,
                 work: self.work,
                 trials: self.trials,
                 passes,
                 pressure_kpa,
+                farthest: self.farthest,
                 source: self.failed.clone(),
             });
         }

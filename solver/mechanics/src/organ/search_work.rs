@@ -10,6 +10,14 @@ pub struct SearchWork {
 }
 
 impl SearchWork {
+    /// Work since `before`.
+    pub(super) fn since(self, before: Self) -> Self {
+        Self {
+            newton_iterations: self.newton_iterations - before.newton_iterations,
+            krylov_iterations: self.krylov_iterations - before.krylov_iterations,
+        }
+    }
+
     /// Whether either count is larger than its limit.
     pub(super) fn exceeds(self, most: Self) -> bool {
         self.newton_iterations > most.newton_iterations
