@@ -357,7 +357,7 @@ fn files_keep_to_one_subject() {
     none(problems, "files that have outgrown one subject");
 }
 
-/// A clone must make sense anywhere: no absolute path of a single machine, and no folder beside the
+/// A clone must make sense anywhere: no absolute path of a single machine, and no folder next to the
 /// repository.
 #[test]
 fn nothing_points_outside_the_repository() {
@@ -399,7 +399,7 @@ fn nothing_points_outside_the_repository() {
     none(problems, "places that only one machine has");
 }
 
-/// The picture of the house is made from the table, and the map beside it names every crate's folder.
+/// The picture of the house is made from the table, and the map next to it names every crate's folder.
 #[test]
 fn the_document_draws_the_house_as_it_stands() {
     let document = page();

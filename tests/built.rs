@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Path of a built program, which is beside the folder of the running test.
+/// Path of a built program, which is next to the folder of the running test.
 pub fn binary(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a test knows its own path");
     let path = test

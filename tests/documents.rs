@@ -105,7 +105,7 @@ fn make_targets_exist() {
     );
 }
 
-/// Help of one of the project's programs, built beside this test.
+/// Help of one of the project's programs, built next to this test.
 fn help(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(built::binary(program))
         .args(arguments)

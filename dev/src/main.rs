@@ -69,7 +69,7 @@ enum Bench {
         #[command(flatten)]
         output: Output,
     },
-    /// Each shortcut of the 3D beat's time steps, off and on, beside a tight run
+    /// Each shortcut of the 3D beat's time steps, off and on, next to a tight run
     Shortcuts {
         /// Nodes of the generated 3D ventricle, about
         #[arg(long, value_name = "N")]

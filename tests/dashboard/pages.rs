@@ -151,7 +151,7 @@ fn a_run_is_followed_to_its_end_by_two_readers() {
         .unwrap();
     picture(&mut one, "logs-light-1300");
 
-    // The run is stopped while both look, and goes on to its end with other settings.
+    // The run is stopped while both look, and continues to its end with other settings.
     run.signal(Signal::INT);
     run.signal(Signal::INT);
     run.end().expect(130);

@@ -56,7 +56,7 @@ impl Dashboard {
         self.child.id()
     }
 
-    /// Sends a request with these lines of its head beside the host's.
+    /// Sends a request with these lines of its head next to the host's.
     pub fn ask(&self, line: &str, head: &[&str]) -> Answer {
         let host = format!("Host: {}", self.address);
         let lines: Vec<&str> = std::iter::once(host.as_str())

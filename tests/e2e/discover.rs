@@ -208,7 +208,7 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
         "{before} {}",
         gap(&patient)
     );
-    // The earlier results are kept beside it: the iterate that step 1 chose, and the verification
+    // The earlier results are kept next to it: the iterate that step 1 chose, and the verification
     // beat.
     let best = as_it_was["step1"]["best_iteration"].as_u64().unwrap() as usize;
     assert_eq!(

@@ -1,4 +1,4 @@
-//! Runs that the programs of commit 531ec84 made open, are shown as what they were, and go on.
+//! Runs that the programs of commit 531ec84 made open, are shown as what they were, and continue.
 //!
 //! `tests/fixtures/run-of-531ec84/make.sh` made them: the databases of one finished run and of one whose coordinator and worker
 //! were killed in step 2, as SQL.
@@ -42,7 +42,7 @@ fn with_database<T>(cohort: &Cohort, act: impl AsyncFnOnce(&mut SqliteConnection
     })
 }
 
-/// The cohort beside the run that a file holds.
+/// The cohort next to the run that a file holds.
 fn restored(name: &str) -> Cohort {
     let cohort = Cohort::quick_of(PATIENT);
     std::fs::create_dir_all(cohort.run_dir()).unwrap();

@@ -299,7 +299,7 @@ fn completions_manual_pages_and_schemas() {
     cardiotwin(folder.path(), &["bench", "orchestration"]).expect(2);
 }
 
-/// Scripts see whether a run that is done has twins to go on with.
+/// Scripts see whether a run that is done has twins to continue with.
 #[test]
 fn a_twin_that_is_off_is_no_success() {
     let cohort = Cohort::quick();

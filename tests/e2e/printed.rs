@@ -172,7 +172,7 @@ fn make_the_papers_run(folder: &Path) {
     assert!(made.unwrap().success());
 }
 
-/// The dashboard goes on until Ctrl-C, so its words are read while it runs. Port and token differ each time.
+/// The dashboard continues until Ctrl-C, so its words are read while it runs. Port and token differ each time.
 fn the_dashboard_prints_what_its_page_shows(folder: &Path) {
     let page = std::fs::read_to_string(root().join("docs/dashboard.md")).unwrap();
     let mut shown = page

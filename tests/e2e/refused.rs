@@ -107,7 +107,7 @@ fn files_that_cannot_be_read_whole_are_refused() {
     said.complains_of(&["id: found", "1b"]);
 }
 
-/// A folder that vanished is said, its results stay, and it goes on when it comes back.
+/// A folder that vanished is said, its results stay, and it continues when it comes back.
 #[test]
 fn a_patient_whose_folder_vanished_is_told() {
     let cohort = Cohort::quick();

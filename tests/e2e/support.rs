@@ -284,7 +284,7 @@ impl Cohort {
     }
 }
 
-/// A coordinator that runs beside the test. It is killed if the test ends first.
+/// A coordinator that runs next to the test. It is killed if the test ends first.
 pub struct Running {
     child: Child,
     /// Its stderr, line by line.

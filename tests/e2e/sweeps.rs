@@ -128,7 +128,7 @@ fn indices(sensitivity: &Value, order: &str) -> BTreeMap<(String, String), f64> 
     outputs.iter().flat_map(of).collect()
 }
 
-/// The reference that the program shows beside its own ranking.
+/// The reference that the program shows next to its own ranking.
 fn reference() -> Value {
     let path = concat!(
         env!("CARGO_MANIFEST_DIR"),

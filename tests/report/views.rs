@@ -171,7 +171,7 @@ fn the_address_chooses_the_view_and_the_way_back_leads_to_the_same_place() {
     );
 }
 
-/// A keyboard reaches the parts and opens one, and then the next key goes on from the view.
+/// A keyboard reaches the parts and opens one, and then the next key continues from the view.
 #[test]
 fn a_keyboard_opens_a_part() {
     let Some(browser) = Browser::find() else {
@@ -321,7 +321,7 @@ fn a_wide_table_shows_that_it_scrolls() {
     let (folder, out) = seven();
     let mut page = browser.open(&out, "#patients", PHONE);
     let room = "document.querySelector('table.cohort').closest('.scroll')";
-    // A place beside the last row, in which the table has no text of its own.
+    // A place next to the last row, in which the table has no text of its own.
     let place = format!(
         "(() => {{ const room = {room}; room.scrollIntoView({{ block: 'center', behavior: 'instant' }}); room.style.paddingBottom = '20px'; \
          const r = room.getBoundingClientRect(); return [r.right - 2, r.bottom - 10, room.scrollWidth > room.clientWidth]; }})()"

@@ -69,7 +69,7 @@ pub struct Cohort<'a> {
     pub cluster: &'a Cluster,
     pub folder: tempfile::TempDir,
     settings: Vec<String>,
-    /// Worker in place of the one beside the coordinator.
+    /// Worker in place of the one next to the coordinator.
     worker: Option<PathBuf>,
 }
 

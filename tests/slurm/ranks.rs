@@ -272,7 +272,7 @@ fn n_workers(cohort: &Cohort) -> usize {
     processes.filter(works_there).count()
 }
 
-/// A simulation over two nodes loses one of them and goes on elsewhere from its checkpoint; then a
+/// A simulation over two nodes loses one of them and continues elsewhere from its checkpoint; then a
 /// person cancels it, and no rank stays behind.
 pub fn a_simulation_over_nodes_loses_one_and_is_cancelled(cluster: &Cluster) {
     if let Some(why) = hindrance(cluster) {
@@ -350,7 +350,7 @@ pub fn ranks_that_run_out_of_memory_get_more(cluster: &Cluster) {
 }
 
 /// One simulation over two and four nodes. A warning in the middle of a beat leaves a checkpoint,
-/// from which another job goes on, with other ranks on other nodes.
+/// from which another job continues, with other ranks on other nodes.
 pub fn one_simulation_spans_nodes(cluster: &Cluster) {
     if let Some(why) = hindrance(cluster) {
         crate::not_tested("mpi", &why);

@@ -85,7 +85,7 @@ pub fn a_killed_chunk_goes_on_at_its_first_missing_sample(cluster: &Cluster) {
             .is_some_and(|done| done >= left.len() as f64),
         "{begun}"
     );
-    // The same sweep in one go on this machine gives the same numbers.
+    // The same sweep in one continue this machine gives the same numbers.
     assert_eq!(sweep(&["--out", "here"]).code, 0);
     let result = |folder: &str| {
         let path = cohort

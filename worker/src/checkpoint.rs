@@ -41,7 +41,7 @@ pub struct Checkpoints {
 
 impl Checkpoints {
     /// Checkpoints in an attempt's directory. Earlier generations of the same task are searched
-    /// beside it, newest first.
+    /// next to it, newest first.
     #[must_use]
     pub fn of_attempt(directory: &Path, attempt: &AttemptId) -> Self {
         let earlier = (1..attempt.generation)

@@ -108,7 +108,7 @@ fn a_heart_from_files_is_the_heart_that_was_written() {
         (read.exponent_factor, generated.exponent_factor),
         (read.spread_ms, generated.spread_ms),
     ];
-    // Results do not agree bit for bit, because surfaces are searched anew and coordinates are
+    // Results do not agree bit for bit, because surfaces are searched again and coordinates are
     // rounded to the files' digits.
     assert!(
         pairs.iter().all(|(a, b)| (a / b - 1.0).abs() < 0.02),

@@ -1,4 +1,4 @@
-//! Options of `run` that a run keeps, so that the next one goes on with them.
+//! Options of `run` that a run keeps, so that the next one continues with them.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -13,7 +13,7 @@ use cardiotwin_schemas::settings::ExecutorSettings;
 use super::error::CliError;
 
 /// Makes the link to `executor.scratch`, or checks the existing one. A target that was purged is
-/// made anew, empty.
+/// made again, empty.
 ///
 /// # Errors
 /// The attempts lie elsewhere already, or a folder cannot be made.

@@ -1,4 +1,4 @@
-//! The table printed at the end of a run: result of each step, beside the results of the paper's
+//! The table printed at the end of a run: result of each step, next to the results of the paper's
 //! cohort.
 
 use cardiotwin_report::results::{

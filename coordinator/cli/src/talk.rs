@@ -107,7 +107,7 @@ impl Talk {
     ///
     /// # Errors
     /// Stdout cannot be written. A reader that has closed the pipe (`| head`) is no error: the
-    /// command goes on to its own exit code ([`Talk::reader_left`]).
+    /// command continues to its own exit code ([`Talk::reader_left`]).
     pub fn data(&self, text: &str) -> Result<(), CliError> {
         let mut out = std::io::stdout().lock();
         let text = if out.is_terminal() {

@@ -6,7 +6,7 @@ use super::error::CliError;
 use super::exit::Exit;
 use super::talk::Talk;
 
-/// A tick that could not write is no failure of the run: jobs go on, and the next tick writes.
+/// A tick that could not write is no failure of the run: jobs continue, and the next tick writes.
 ///
 /// # Errors
 /// Every other error.

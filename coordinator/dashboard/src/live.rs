@@ -18,7 +18,7 @@ use crate::source::{CohortState, PatientRow, Source, SourceError};
 const POLL: Duration = Duration::from_millis(250);
 /// Time between two attempts to read a run that could not be read.
 const RETRY: Duration = Duration::from_secs(2);
-/// Messages that a slow browser may be behind before it is sent everything anew.
+/// Messages that a slow browser may be behind before it is sent everything again.
 const BEHIND: usize = 64;
 
 /// A message to the page.

@@ -94,7 +94,7 @@ pub fn threads(settings: &ExecutorSettings, task: &TaskSpec) -> u32 {
     }
 }
 
-/// Whether a task takes all cores, so that nothing runs beside it.
+/// Whether a task takes all cores, so that nothing runs next to it.
 pub(super) fn takes_all(settings: &ExecutorSettings, task: &TaskEntry) -> bool {
     settings.threads == 0
         && settings.kind == ExecutorKind::Local

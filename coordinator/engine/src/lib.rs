@@ -118,7 +118,7 @@ pub struct RunOptions {
     pub chosen: Option<Chosen>,
     /// Executor, number of workers and further settings of the execution.
     pub executor: ExecutorSettings,
-    /// Path of the worker's executable; `None` means `cardiotwin-worker` beside this program.
+    /// Path of the worker's executable; `None` means `cardiotwin-worker` next to this program.
     pub worker: Option<PathBuf>,
     /// Whether to continue with this worker although the run began with another.
     pub adopt_version: bool,
@@ -499,7 +499,7 @@ fn enter_with_lease(run_dir: &Path) -> Result<(Option<RunLock>, Lease, PathBuf),
     Ok((lock, lease, run_dir))
 }
 
-/// Path of the worker's executable: the named one, or else the one beside this program.
+/// Path of the worker's executable: the named one, or else the one next to this program.
 ///
 /// # Errors
 /// [`EngineError::NoWorker`] if the file does not exist.
@@ -520,7 +520,7 @@ pub fn find_worker(named: Option<&Path>) -> Result<PathBuf, EngineError> {
     }
 }
 
-/// The launcher of MPI ranks, if one is set. The program of the ranks is beside the worker.
+/// The launcher of MPI ranks, if one is set. The program of the ranks is next to the worker.
 fn find_launcher(command: &[String], worker: &Path) -> Result<Option<Launcher>, EngineError> {
     let Some(launcher) = Launcher::beside(command, worker) else {
         return Ok(None);

@@ -9,7 +9,7 @@ const TOLD_AFTER_MS: i64 = 2_000;
 /// Time after which it is told again \[ms\].
 const TOLD_AGAIN_MS: i64 = 300_000;
 
-/// Waits until the lock is gone or a second stop is asked for, and tells for whom. Workers go on
+/// Waits until the lock is gone or a second stop is asked for, and tells for whom. Workers continue
 /// meanwhile.
 pub(super) fn until_stopped(events: &EventSender, stop: &StopSignal) -> Patience {
     let (events, stop) = (events.clone(), stop.clone());

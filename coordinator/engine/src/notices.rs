@@ -12,7 +12,7 @@
 //! ```
 //! Each command is therefore started at most once: a `kill -9` between the second and the third
 //! file leaves no second attempt. Notices never change the run. A command that fails is reported
-//! and noted beside the event.
+//! and noted next to the event.
 
 use std::fs;
 use std::io;

@@ -55,7 +55,7 @@ pub struct VerifiedFile {
     pub why: Option<String>,
 }
 
-/// Compares every file whose hash is stored, beside a running coordinator, too.
+/// Compares every file whose hash is stored, next to a running coordinator, too.
 ///
 /// # Errors
 /// [`StoreError`] if the database cannot be read. A file that cannot be read is a result.

@@ -37,7 +37,7 @@ pub struct Options {
     pub set: Vec<String>,
     /// Whether patients' own meshes are read and checked, which takes seconds for large meshes.
     pub meshes: bool,
-    /// Whether the effects accepted for patients are left unread, as where they are searched anew or
+    /// Whether the effects accepted for patients are left unread, as where they are searched again or
     /// undone.
     pub unaccepted: bool,
     /// Patients that an earlier run has read. Those whose files are as they were are not read.
@@ -641,7 +641,7 @@ fn same_ids(patients: &[(Patient, String)], report: &mut Report) {
     }
 }
 
-/// Reads `model.toml` beside `patient.toml`, which holds the effects accepted for this patient.
+/// Reads `model.toml` next to `patient.toml`, which holds the effects accepted for this patient.
 fn overlay(id: &str, folder: &Path, report: &mut Report) -> Option<(ModelOverlay, Document)> {
     let path = folder.join("model.toml");
     if !path.exists() {

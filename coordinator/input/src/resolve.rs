@@ -210,7 +210,7 @@ fn own_mesh(
     })
 }
 
-/// Surface files `stem.NAME.surf` beside a stem, sorted by name.
+/// Surface files `stem.NAME.surf` next to a stem, sorted by name.
 fn surfaces_beside(stem: &Path) -> Vec<PathBuf> {
     let folder = stem.parent().unwrap_or(Path::new("."));
     let prefix = format!(

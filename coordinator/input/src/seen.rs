@@ -86,7 +86,7 @@ impl<'a> Marks<'a> {
     }
 }
 
-/// Whether every file that a plan names (a `path` beside a `sha256`, at any depth) lies in a folder
+/// Whether every file that a plan names (a `path` next to a `sha256`, at any depth) lies in a folder
 /// itself, and not below it.
 fn names_only(value: &Value, folder: &Path) -> bool {
     match value {

@@ -291,7 +291,7 @@ fn placeholder(schema: &Value) -> Value {
     }
 }
 
-/// The type, or the type beside `null`.
+/// The type, or the type next to `null`.
 fn type_name(kind: &Value) -> Option<&str> {
     match kind {
         Value::String(name) => Some(name),

@@ -14,7 +14,7 @@ use cardiotwin_lab_files::{Request, Wanted, read};
 use cardiotwin_mesh::files::{self, LengthUnit};
 use rustix::process::{Resource, Rlimit, setrlimit};
 
-/// Longest time for one file. A damaged count must not make a reader go on for ever.
+/// Longest time for one file. A damaged count must not make a reader continue for ever.
 const LONGEST: Duration = Duration::from_secs(10);
 /// Address space in which every file is read.
 const MEMORY_BYTES: u64 = 1 << 30;
@@ -189,7 +189,7 @@ fn is_taken(path: &Path, content: Vec<u8>, folder: &Path) -> bool {
     }
 }
 
-/// Whether a table is read; `beside` is a file next to it with another content.
+/// Whether a table is read; `next to` is a file next to it with another content.
 fn table(path: &Path, content: &[u8], beside: Option<(&Path, &[u8])>) -> bool {
     let wanted = [
         Wanted::required("time"),

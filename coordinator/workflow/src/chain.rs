@@ -57,7 +57,7 @@ pub struct Chain {
     /// Task of the posterior, which measures how certain the twin is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posterior: Option<TaskKey>,
-    /// Tasks to which the model had no answer, and without which the chain went on.
+    /// Tasks to which the model had no answer, and without which the chain continued.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unanswered: Vec<ChainUnanswered>,
     /// Tasks of a no-op workflow.

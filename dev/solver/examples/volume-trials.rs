@@ -1,4 +1,4 @@
-//! Ways to resist a change of volume on linear tetrahedra, beside the library's and quadratic elements: `cargo run --release
+//! Ways to resist a change of volume on linear tetrahedra, next to the library's and quadratic elements: `cargo run --release
 //! --manifest-path dev/Cargo.toml --example volume-trials beam|inflation|contraction|sphere NxLAYERS ... [active=60] [quadratic=0]`.
 
 #[path = "../verification/mod.rs"]

@@ -90,7 +90,7 @@ fn tension(squared_stretch: f64) -> (f64, f64) {
 }
 
 /// The largest difference between tangent and central differences of the residual, over the largest entry of the tangent's
-/// product, for muscle of this convention in motion: displacement, velocity and acceleration are `wave`s of these sizes. Beside it
+/// product, for muscle of this convention in motion: displacement, velocity and acceleration are `wave`s of these sizes. Next to it
 /// the largest strain of the damping's time, to first order: the difference of two velocities over a cell's edge, times τ.
 fn error_of_the_active_tangent(
     convention: ActiveConvention,

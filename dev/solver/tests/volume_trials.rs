@@ -73,7 +73,7 @@ fn a_homogeneous_deformation_is_an_equilibrium_on_an_irregular_mesh() {
             },
         ] {
             let found = homogeneous(&problem, trial, f);
-            // The forces inside over those on the surface, and how far from it Newton's method ends that begins beside it.
+            // The forces inside over those on the surface, and how far from it Newton's method ends that begins next to it.
             assert!(found.force_inside < 1e-12, "{law:?}, {trial:?}: {found:?}");
             assert!(found.distance_mm < 1e-9, "{law:?}, {trial:?}: {found:?}");
         }

@@ -19,7 +19,7 @@ pub fn neighbours(tets: &[[u32; 4]]) -> Vec<(usize, usize)> {
 }
 
 /// Elements in patches of about `size`, each grown over faces to the neighbour with the most vertices in common; what stays
-/// below half of it joins the smallest patch beside it.
+/// below half of it joins the smallest patch next to it.
 pub fn patches(tets: &[[u32; 4]], size: usize) -> Vec<u32> {
     const NONE: u32 = u32::MAX;
     let mut beside = vec![vec![]; tets.len()];

@@ -34,7 +34,7 @@ pub const fn p1_nodal(pointwise_share: f64) -> Element {
     }
 }
 
-/// The elements of the tables by name: a cohort's, which the verdicts are about, then others beside them.
+/// The elements of the tables by name: a cohort's, which the verdicts are about, then others next to them.
 pub fn compared() -> Vec<(String, Element)> {
     let cohorts = Element::default();
     let others = [P1, P1_NODAL, P2_NODAL]

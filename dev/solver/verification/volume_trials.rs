@@ -1,4 +1,4 @@
-//! Ways to resist a change of volume that the library does not have, on linear tetrahedra in equilibrium, beside the one
+//! Ways to resist a change of volume that the library does not have, on linear tetrahedra in equilibrium, next to the one
 //! that it has: what `docs/decisions/0005-linear-elements.md` compares.
 //!
 //! All minimise `∫ W(Ē) + s κ/2 (J − 1)² dV + max_p (pᵀ (B(J) − V) − pᵀ M p / 2)`: pressures `p` in some space, `B(J)` the
@@ -130,7 +130,7 @@ pub fn equilibrium(problem: &Problem, trial: Trial) -> Result<Equilibrium, f64> 
 pub struct Patch {
     /// Largest force on a node that is free, over the largest on a fixed one.
     pub force_inside: f64,
-    /// Farthest that a free node ends from its place when Newton's method begins beside it \[mm\].
+    /// Farthest that a free node ends from its place when Newton's method begins next to it \[mm\].
     pub distance_mm: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The dashboard beside a large run: the built program, and headless Chromium as its reader.
+//! The dashboard next to a large run: the built program, and headless Chromium as its reader.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ pub struct DashboardArgs {
     /// Seconds for which the idle server and the idle browser are watched
     #[arg(long, value_name = "S", default_value_t = 30)]
     idle_s: u64,
-    /// The coordinator's executable [default: cardiotwin beside this program]
+    /// The coordinator's executable [default: cardiotwin next to this program]
     #[arg(long, value_name = "PATH")]
     program: Option<PathBuf>,
     #[command(flatten)]

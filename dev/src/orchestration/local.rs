@@ -24,7 +24,7 @@ pub struct BenchOptions {
     pub spawn: bool,
     /// Number of workers at once; 0 means one per core.
     pub workers: u32,
-    /// Path of the worker's executable; `None` means the one beside this program.
+    /// Path of the worker's executable; `None` means the one next to this program.
     pub worker: Option<PathBuf>,
     /// Arguments (after the program's name) of a command that drives the same run in a process of
     /// its own. This process is killed midway to measure the restart. `None`: the restart of a

@@ -33,7 +33,7 @@ pub struct OrchestrationArgs {
     /// Keep the run in this folder, which must be empty or absent [default: a temporary one]
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
-    /// The worker's executable [default: cardiotwin-worker beside this program]
+    /// The worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     #[command(flatten)]

@@ -1,5 +1,5 @@
-//! Makespan of many tasks that sleep, on a real Slurm: beside the pilots of other workflow systems
-//! (`deploy/beside-pilots.py`).
+//! Makespan of many tasks that sleep, on a real Slurm: next to the pilots of other workflow systems
+//! (`deploy/next to-pilots.py`).
 
 use std::path::PathBuf;
 use std::time::Instant;

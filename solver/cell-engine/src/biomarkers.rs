@@ -125,7 +125,7 @@ struct Grid<'a> {
 }
 
 impl Grid<'_> {
-    /// Stress at sample `k`, which lies in segment `near` or in one beside it.
+    /// Stress at sample `k`, which lies in segment `near` or in one next to it.
     fn sa(&self, k: usize, near: usize) -> f64 {
         let mut i = near;
         while i > 0 && k < self.segments[i].first {

@@ -25,7 +25,7 @@ pub struct Job {
     pub record: bool,
     pub tolerance: f64,
     pub start: State,
-    /// Step to go on with behind the kink that the present step is aimed at; 0 when there is none.
+    /// Step to continue with behind the kink that the present step is aimed at; 0 when there is none.
     pub resume_h: f64,
     pub tries: u32,
     pub beats: u32,

@@ -16,7 +16,7 @@ const SEARCH_STEPS: usize = 10;
 const INERT: f64 = 1e-18;
 
 lanes! {
-    /// Values that the preparation reads beside the constants.
+    /// Values that the preparation reads next to the constants.
     StartTime, StartTimeLanes {
         /// Time within the beat at which the cell starts \[ms\].
         t,

@@ -1,4 +1,4 @@
-//! The engine beside the scalar cell of `cardiotwin-models`: the same equations, with another solver and search for the
+//! The engine next to the scalar cell of `cardiotwin-models`: the same equations, with another solver and search for the
 //! periodic beat.
 
 mod common;

@@ -245,7 +245,7 @@ pub fn separations(problem: &Problem<'_>, truth: &Fit, rival: &Fit) -> Vec<Separ
         normal.view_mut((0, 0), (n, n)).copy_from(&curvature);
         let mut jacobian = DMatrix::zeros(d.len(), n_all);
         for (k, moved) in moved.iter().chain(free).enumerate() {
-            // A parameter without a beat beside it cannot follow.
+            // A parameter without a beat next to it cannot follow.
             if let Some((beats, step)) = moved
                 && let Some(there) = white(beats)
             {

@@ -1,5 +1,5 @@
 //! Competitors without a name: terms that may stand for a gap that no candidate names, alone and
-//! beside the named ones.
+//! next to the named ones.
 //!
 //! A result must not depend on the treatment of the remaining gap. Every structure is therefore fitted
 //! without a competitor and with each of them, and the evidence is averaged over these fits: free bumps of the

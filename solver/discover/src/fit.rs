@@ -87,7 +87,7 @@ impl Fit {
 }
 
 /// Sets the derivative of the prior, the last rows, where a parameter has no derivatives because the
-/// model has no beat beside it: without it the curvature would be singular.
+/// model has no beat next to it: without it the curvature would be singular.
 fn keep_priors(jacobian: &mut DMatrix<f64>) {
     let (n_rows, n) = jacobian.shape();
     for i in 0..n {

@@ -29,7 +29,7 @@ pub struct Discovery {
     pub phases: Phases,
     /// What can be drawn.
     pub series: DiscoverSeries,
-    /// Beats of the base model and of the model with the accepted effects. They are found beside
+    /// Beats of the base model and of the model with the accepted effects. They are found next to
     /// the fits, from orbits near by: a beat sought from rest may not settle in the same number of
     /// beats.
     #[serde(skip)]

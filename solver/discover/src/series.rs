@@ -21,7 +21,7 @@ pub struct Tabulated {
     pub phases: Phases,
     /// Residuals by signal and phase.
     pub gaps: Vec<GapAt>,
-    /// Measured traces beside those of the model, before and after the search.
+    /// Measured traces next to those of the model, before and after the search.
     pub series: DiscoverSeries,
 }
 

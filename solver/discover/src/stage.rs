@@ -140,7 +140,7 @@ impl Search<'_> {
             .max_by(|a, b| gain(a.1).total_cmp(&gain(b.1)))
             .map(|(term, f)| (DiscrepancyTerm::Unnamed(term), f.clone()));
         wide.fits.extend(unnamed);
-        // If a competitor explains much, candidates are also tried beside it.
+        // If a competitor explains much, candidates are also tried next to it.
         let (kind, nameless) = wide.nameless();
         let mut beside: Vec<Option<Fit>> = vec![None; fits.len()];
         let hopeful = self.hopeful(current, &fits, &maxima);
@@ -376,7 +376,7 @@ impl Search<'_> {
     }
 }
 
-/// Best candidates without a competitor, and best candidates beside the best competitor, among the
+/// Best candidates without a competitor, and best candidates next to the best competitor, among the
 /// hopeful ones.
 fn short_list(hopeful: &[usize], fits: &[Option<Fit>], beside: &[Option<Fit>]) -> Vec<usize> {
     let mut list = Vec::new();

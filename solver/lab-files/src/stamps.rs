@@ -107,7 +107,7 @@ fn dated(date: &str, time: &str) -> String {
     format!("{} {}", bare(date), bare(time))
 }
 
-/// Place of a column of dates in some rows beside the column of times, of which each has no date itself.
+/// Place of a column of dates in some rows next to the column of times, of which each has no date itself.
 fn dates_beside(rows: &[&str], separator: u8, place: usize) -> Option<usize> {
     let rows: Vec<Vec<&str>> = rows
         .iter()

@@ -84,7 +84,7 @@ pub struct Dynamics {
     pub supports: Vec<Support>,
     /// Cavity whose pressure is unknown, where there is one.
     pub cavity: Option<Cavity>,
-    /// Surfaces under prescribed pressures, beside the cavity's. The tangent takes the symmetric part of their load's.
+    /// Surfaces under prescribed pressures, next to the cavity's. The tangent takes the symmetric part of their load's.
     pub loads: Vec<SurfaceLoad>,
     /// Further cavities at prescribed pressures.
     pub given_cavities: Vec<GivenCavity>,

@@ -236,7 +236,7 @@ fn a_course_of_pressure_acts_at_its_time() {
     assert!(moved[1] > moved[0] + 0.1, "{moved:?}");
 }
 
-/// The generated heart with its lateral epicardium as a surface beside it.
+/// The generated heart with its lateral epicardium as a surface next to it.
 fn beside_the_lung() -> (TetMesh, Vec<u32>) {
     let (mut mesh, _) = heart();
     let lateral = |t: &&[u32; 3]| t.iter().all(|node| mesh.nodes_mm[*node as usize][0] > 0.0);

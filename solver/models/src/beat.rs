@@ -391,7 +391,7 @@ fn fill_in(trace: &mut Vec<f64>, width: usize, shares: &[f64]) {
 }
 
 /// Position of a run between two output intervals. With the states of ventricle and circulation, it
-/// is all that the run needs to go on.
+/// is all that the run needs to continue.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunProgress {
     /// Number of the beat, from one.

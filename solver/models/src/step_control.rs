@@ -6,7 +6,7 @@
 //! Nørsett and Wanner 1993, Solving Ordinary Differential Equations I, II.4).
 //!
 //! Steps are powers of two of the output interval, because preconditioners and predictions are kept while a step's length
-//! stays. A step becomes twice as long only after three of one length. The history of a run decides alone: a run that goes on
+//! stays. A step becomes twice as long only after three of one length. The history of a run decides alone: a run that continues
 //! from a checkpoint takes the same steps.
 
 use cardiotwin_units::Ms;

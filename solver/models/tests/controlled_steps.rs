@@ -1,4 +1,4 @@
-//! Controlled steps: their error follows their tolerance, and a run goes on from where it stood.
+//! Controlled steps: their error follows their tolerance, and a run continues from where it stood.
 
 use std::ops::ControlFlow;
 

@@ -3,7 +3,7 @@
 //! Source: Jung et al. 2022, Mathematics 10(5):823, Appendix C, with the readings of docs/models.md, `biomarkers`:
 //! levels are crossed by linear interpolation, derivatives are central differences, and the two regressions run from
 //! argument 0.9 to 0.1 of their logarithm. A level that a beat does not reach before its end is taken at its end and
-//! flagged, so that a fixed point can go on from it.
+//! flagged, so that a fixed point can continue from it.
 //!
 //! No biomarker jumps when a trace changes a little: crossings are searched outwards from the half-way point of the limb
 //! that crosses (upstroke, downstroke, ejection, filling), which is taken to be at least as steep as

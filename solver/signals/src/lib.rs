@@ -1,7 +1,7 @@
 //! Traces of a heartbeat: reading them, resampling them alike, their biomarkers, and checks of measured data.
 //!
 //! Everything here is pure apart from reading a file: the same trace gives the same biomarkers, whether it was
-//! measured or simulated. The only difference between the two is stated by [`Continuation`]: a measured trace goes on
+//! measured or simulated. The only difference between the two is stated by [`Continuation`]: a measured trace continues
 //! periodically, a single simulated beat ends where it ends.
 
 #![deny(missing_docs)]

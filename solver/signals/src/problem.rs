@@ -3,13 +3,13 @@
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Whether work may go on.
+/// Whether work may continue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
     /// Nothing runs before it is mended.
     Error,
-    /// Worth a look; work goes on.
+    /// Worth a look; work continues.
     Warning,
 }
 
@@ -25,7 +25,7 @@ pub struct Position {
 /// A problem of a file, ready to be printed or stored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Problem {
-    /// Whether work may go on.
+    /// Whether work may continue.
     pub severity: Severity,
     /// File that must be looked at.
     pub file: PathBuf,

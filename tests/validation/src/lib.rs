@@ -3,7 +3,7 @@
 //! The heart is a closed loop of four chambers. Ventricles have a time-varying elastance with a
 //! Hill-and-cosine activation and a curved end-systolic relation; the loop also has an atrium,
 //! valves with inertia, an aorta of two compartments, veins and lungs. Nothing of the fitted model
-//! is imported, and each effect is formulated anew for this heart, so that agreement cannot come
+//! is imported, and each effect is formulated again for this heart, so that agreement cannot come
 //! from shared code. The functions are pure: they map seeds to arrays and labels.
 #![deny(missing_docs)]
 

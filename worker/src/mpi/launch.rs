@@ -68,7 +68,7 @@ pub trait RankProgram: Sync {
     /// Work of every other rank.
     ///
     /// # Errors
-    /// If this rank cannot go on, which ends all ranks.
+    /// If this rank cannot continue, which ends all ranks.
     fn follow(&self, team: &Team) -> anyhow::Result<()> {
         team.follow().map_err(anyhow::Error::from)
     }

@@ -26,7 +26,7 @@ pub struct AdvanceArgs {
     /// Set KEY to VALUE, overriding all files (may be given several times)
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<std::path::PathBuf>,
     /// Continue with this worker although the run began with another version

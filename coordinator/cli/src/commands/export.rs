@@ -66,7 +66,7 @@ pub struct ExportArgs {
     /// Print one JSON object instead of a list of files
     #[arg(long)]
     json: bool,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
 }

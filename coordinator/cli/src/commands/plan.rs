@@ -28,7 +28,7 @@ pub struct PlanArgs {
     /// Print one JSON object instead of the table
     #[arg(long, conflicts_with = "script")]
     json: bool,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH", hide = true)]
     worker: Option<PathBuf>,
 }

@@ -98,7 +98,7 @@ pub struct RunArgs {
     /// Show what would be done without doing it
     #[arg(long)]
     dry_run: bool,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     /// Continue with this worker although the run began with another version
@@ -306,7 +306,7 @@ struct Wanted<'a> {
 }
 
 /// Loads the cohort and prints all its problems. Patients with errors in their files are returned
-/// beside it.
+/// next to it.
 ///
 /// # Errors
 /// [`CliError::Input`] if `cohort.toml` has errors, no wanted patient is free of them, or, with

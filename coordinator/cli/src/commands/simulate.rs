@@ -78,7 +78,7 @@ pub struct SimulateArgs {
     /// Print one JSON object with specification, biomarkers, checks and traces instead of CSV
     #[arg(long)]
     json: bool,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `cardiotwin version`: the versions of this program and of the worker beside it.
+//! `cardiotwin version`: the versions of this program and of the worker next to it.
 
 use cardiotwin_engine::{find_worker, first_line};
 use clap::Args;

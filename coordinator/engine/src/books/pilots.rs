@@ -26,7 +26,7 @@ impl Books {
         self.school.pilots = pilots;
     }
 
-    /// Keeps what the pilots teach with the run; `None` if they are to teach anew.
+    /// Keeps what the pilots teach with the run; `None` if they are to teach again.
     pub fn set_lessons(&mut self, lessons: Option<Vec<LawLesson>>) {
         if self.school.lessons == lessons {
             return;

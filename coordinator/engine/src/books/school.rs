@@ -16,7 +16,7 @@ pub struct School {
 impl School {
     /// Takes the stored pilots and lessons.
     pub(super) fn of(meta: &HashMap<String, String>) -> Self {
-        // Both are written by this program; text of a later one counts as none, and is made anew.
+        // Both are written by this program; text of a later one counts as none, and is made again.
         let read = |key: &str| meta.get(key).map(String::as_str);
         Self {
             pilots: read(PILOTS)

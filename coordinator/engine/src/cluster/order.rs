@@ -33,7 +33,7 @@ impl State {
                 let lessons = match self.books.teaching(i)? {
                     Teaching::None => None,
                     Teaching::Lessons(lessons) => Some(lessons.to_vec()),
-                    // The job was planned before the pilots were to teach anew, and is not wanted
+                    // The job was planned before the pilots were to teach again, and is not wanted
                     // any more.
                     Teaching::Awaited(_) => continue,
                 };

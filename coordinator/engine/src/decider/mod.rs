@@ -116,7 +116,7 @@ impl Decider {
     /// What has to be looked for before the decisions are complete; nothing when they are.
     pub fn questions(&mut self) -> Asked {
         if self.undecided.is_empty() {
-            // Files may come and go: the next decision looks for them anew.
+            // Files may come and go: the next decision looks for them again.
             self.files = FilesSeen::default();
         }
         let mut tasks = Vec::new();

@@ -13,7 +13,7 @@ use super::Decider;
 use crate::EngineError;
 use crate::books::Books;
 
-/// Decides the chains of all patients anew who learn from pilots.
+/// Decides the chains of all patients again who learn from pilots.
 fn replan_pupils(books: &mut Books) -> Result<(), EngineError> {
     for i in 0..books.patients().len() {
         if books.patient(i).row.active && books.is_pupil(i)? {
@@ -34,7 +34,7 @@ fn learn_anew(books: &mut Books, i: usize) -> Result<(), EngineError> {
 
 impl Decider {
     /// Chooses the run's pilots by name alone, or keeps those that were chosen. Pilots whose tasks
-    /// have changed teach anew.
+    /// have changed teach again.
     ///
     /// - `refused`: patients whose files have errors; those who were chosen before stay pilots
     /// - `changed`: patients whose plans lead to other tasks than before
@@ -89,7 +89,7 @@ impl Decider {
         replan_pupils(books)
     }
 
-    /// Lets the pilots teach anew: their beats may be others.
+    /// Lets the pilots teach again: their beats may be others.
     pub(super) fn forget_lessons(&mut self, books: &mut Books) -> Result<(), EngineError> {
         if !books.has_lessons() {
             return Ok(());

@@ -76,7 +76,7 @@ impl Decider {
     }
 }
 
-/// Every file that a specification names: each `path` beside a `sha256`, at any depth.
+/// Every file that a specification names: each `path` next to a `sha256`, at any depth.
 fn inputs(spec: &TaskSpec) -> Vec<PathBuf> {
     fn look(value: &Value, found: &mut Vec<PathBuf>) {
         match value {

@@ -74,7 +74,7 @@ async fn outcomes_stay_in_the_store_until_a_decision_asks_and_leave_after_it() {
     assert!(all > 10 && books.tasks().values().all(|t| t.spec.is_empty()));
     assert_eq!(n_absent(&books), all);
 
-    // Another build decides anew for patients that are over.
+    // Another build decides again for patients that are over.
     let mut decider = Decider::default();
     decider.decide_all(&mut books, None, |_, _| true).unwrap();
     let asked = decider.questions();

@@ -107,8 +107,8 @@ impl Decider {
         })
     }
 
-    /// Makes a patient's plan anew. If it leads to other tasks, or with `force`, the chain is
-    /// decided anew. Returns whether it leads to other tasks.
+    /// Makes a patient's plan again. If it leads to other tasks, or with `force`, the chain is
+    /// decided again. Returns whether it leads to other tasks.
     pub(super) fn replan(
         &mut self,
         books: &mut Books,
@@ -273,7 +273,7 @@ impl Decider {
                 }
                 wait_for(books, i, &key);
             }
-            // The patient keeps its place in the chain; the end of the last pilot decides anew.
+            // The patient keeps its place in the chain; the end of the last pilot decides again.
             Next::Waits { .. } => books.touch(i),
             Next::Finished => self.end(books, i, PatientEvent::Finish, PatientEnding::Done)?,
             Next::Failed { step, failure } => {

@@ -54,7 +54,7 @@ impl Family {
 }
 
 impl Launcher {
-    /// A launcher of the MPI executable beside `worker`; `None` for an empty command.
+    /// A launcher of the MPI executable next to `worker`; `None` for an empty command.
     #[must_use]
     pub fn beside(command: &[String], worker: &Path) -> Option<Self> {
         let worker = worker.with_file_name("cardiotwin-worker-mpi");

@@ -323,7 +323,7 @@ pub async fn clean(
 }
 
 /// Copies a run without its scratch to a new folder, checks every copy, and writes `SHA256SUMS`.
-/// The copy is a run like any other. It appears whole, because it is made beside the target and
+/// The copy is a run like any other. It appears whole, because it is made next to the target and
 /// then renamed.
 ///
 /// # Errors

@@ -181,7 +181,7 @@ async fn a_beat_on_a_large_mesh_takes_all_cores_and_nothing_runs_beside_it() {
                 if *kind == "organ-beat" { threads } else { 1 },
                 "{kind} on {nodes} nodes"
             );
-            // At most two tasks run at once, so the previous task is the one that runs beside this
+            // At most two tasks run at once, so the previous task is the one that runs next to this
             // one.
             beside += usize::from(*others > 0 && [*kind, last].contains(&"organ-beat"));
             last = kind;

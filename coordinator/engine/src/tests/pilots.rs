@@ -216,7 +216,7 @@ async fn a_cancelled_pilot_holds_the_others_and_without_pilots_they_go_on() {
 
     bench.patients = cohort(3, 0);
     let (summary, submitted) = bench.run().await;
-    // Changed settings of a cancelled patient make it go on, too.
+    // Changed settings of a cancelled patient make it continue, too.
     assert_eq!((summary.done, summary.held), (3, 0));
     assert_eq!(n_of(&submitted, "learn-law"), 0);
     // With pilots again, the others learn from what the pilot has done by itself.
@@ -274,7 +274,7 @@ async fn changed_data_of_a_pilot_teach_anew_and_a_rerun_of_a_pilot_does_not() {
     assert_ne!(after["P3"].last(), before["P3"].last());
     assert!(bench.run().await.0.nothing_to_do());
 
-    // More pilots are chosen anew.
+    // More pilots are chosen again.
     bench.patients = cohort(3, 2);
     bench.patients[0].step0.end_diastolic_pressure_mmhg = Some(8.5);
     assert_eq!(bench.run().await.0.done, 3);

@@ -45,7 +45,7 @@ pub struct Script {
     pub lost_attempts: u32,
     /// Kinds of the tasks that were submitted, in order.
     pub submitted: Vec<&'static str>,
-    /// Threads of each submitted task, and number of tasks that ran beside it at that time.
+    /// Threads of each submitted task, and number of tasks that ran next to it at that time.
     pub threads_and_others: Vec<(u32, usize)>,
     /// Tasks of this kind never end.
     pub silent_on: Option<&'static str>,

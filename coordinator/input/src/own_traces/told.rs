@@ -5,7 +5,7 @@ use std::path::Path;
 use cardiotwin_schemas::raw::CuffPressures;
 use cardiotwin_signals::Problem;
 
-/// What the user states beside the file.
+/// What the user states next to the file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Choices {
     /// Name or number, from 1, of the column with the left ventricle's pressure.

@@ -7,7 +7,7 @@ use cardiotwin_recordings::prepare::Prepared;
 
 use crate::RawFolder;
 
-/// Folder beside `patient.toml` that holds the results of the steps.
+/// Folder next to `patient.toml` that holds the results of the steps.
 pub const PREPARED: &str = "prepared";
 
 /// Name and content of each table.

@@ -1,4 +1,4 @@
-//! Variants as programs export them: records without times, dates beside times, minutes, names of other
+//! Variants as programs export them: records without times, dates next to times, minutes, names of other
 //! leads, units twice, volumes with a point between thousands, beats of which some are cut.
 
 use std::fmt::Write as _;
@@ -82,7 +82,7 @@ fn stamps(rows: &Rows, out: &mut Vec<Variant>) {
     ));
 }
 
-/// Kinds 06 and 14: electrocardiograms of any lead and without a unit, units in the name and beside it.
+/// Kinds 06 and 14: electrocardiograms of any lead and without a unit, units in the name and next to it.
 fn names(rows: &Rows, out: &mut Vec<Variant>) {
     for name in [
         "EKG V5 (mV)",

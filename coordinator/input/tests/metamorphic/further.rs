@@ -385,7 +385,7 @@ fn thousands(rows: &Rows, out: &mut Vec<Variant>) {
             expected: Expected::SameOrSaid(&[]),
         });
     }
-    // Volumes in µL beside the sound catheter.
+    // Volumes in µL next to the sound catheter.
     let catheter = table(rows, &usual()).into_bytes();
     let frames: Vec<(f64, f64)> = super::sound_frames();
     for (what, mark, decimals) in [

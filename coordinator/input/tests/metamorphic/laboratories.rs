@@ -1,5 +1,5 @@
 //! Variants as laboratories send them: pauses of days, amplifiers that cut, channels that are empty or of
-//! another heart, clocks of other zones, sheets beside each other, line ends of old computers.
+//! another heart, clocks of other zones, sheets next to each other, line ends of old computers.
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! Table of the cell's parameters: step 2's fit beside the twin, with the twin's place between its
+//! Table of the cell's parameters: step 2's fit next to the twin, with the twin's place between its
 //! bounds.
 
 use cardiotwin_schemas::outcome::{CellFitResult, FittedParameter};

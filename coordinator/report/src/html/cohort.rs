@@ -164,7 +164,7 @@ fn judged(value: Option<MeanSd>, paper: f64) -> Markup {
     }
 }
 
-/// Mean errors over the cohort beside the paper's, as a plot with a dot per patient and as a table.
+/// Mean errors over the cohort next to the paper's, as a plot with a dot per patient and as a table.
 #[must_use]
 pub fn against_the_paper(run: &RunRecord) -> Markup {
     let patients = &run.patients;

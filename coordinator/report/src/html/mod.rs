@@ -2,7 +2,7 @@
 //! network.
 //!
 //! Up to [`ONE_FILE`] patients make one file; more patients make an index with a page per patient
-//! beside it.
+//! next to it.
 
 mod afterload;
 mod anchor;

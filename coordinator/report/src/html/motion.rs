@@ -50,7 +50,7 @@ fn digits(measure: &MotionMeasure, value: Option<f64>) -> String {
     fixed(value, if measure.unit == "1" { 2 } else { 1 })
 }
 
-/// Cells with the value and with words for its place beside the normal range, so that colour is not
+/// Cells with the value and with words for its place next to the normal range, so that colour is not
 /// needed.
 fn value(measure: &MotionMeasure, motion: Option<&MotionMeasures>) -> Markup {
     let Some(motion) = motion else {

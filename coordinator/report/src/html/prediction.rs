@@ -1,4 +1,4 @@
-//! Figure of a predicted beat beside the twin's: pressure, volume, loop.
+//! Figure of a predicted beat next to the twin's: pressure, volume, loop.
 
 use super::plot::{Axis, Chart, Scale, Series, stacked};
 

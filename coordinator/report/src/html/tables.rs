@@ -40,7 +40,7 @@ fn difference(share: Option<f64>) -> Markup {
     html! { td class=(class) data-value=(raw(share.map(|share| 100.0 * share))) { (percent(share)) } }
 }
 
-/// Table of the measured biomarkers beside the simulated ones of each step.
+/// Table of the measured biomarkers next to the simulated ones of each step.
 #[must_use]
 pub fn biomarkers(patient: &PatientRecord) -> Markup {
     let view = PatientView(patient);

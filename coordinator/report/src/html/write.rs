@@ -39,8 +39,8 @@ pub struct ReportPaths {
 }
 
 /// Writes the report of a run to `out` (`report.html`): one file for up to [`ONE_FILE`] patients,
-/// otherwise an index, with the patients' pages in a folder beside it (`report-patients/`).
-/// `discovered` are the findings of searches beside the run; for more than [`ONE_FILE`] patients
+/// otherwise an index, with the patients' pages in a folder next to it (`report-patients/`).
+/// `discovered` are the findings of searches next to the run; for more than [`ONE_FILE`] patients
 /// only their tables are shown. The report names artefacts that cannot be read.
 ///
 /// - `pages`: pages of patients that are written, where each patient has one
@@ -268,8 +268,8 @@ impl<'a> Index<'a> {
 }
 
 /// Whether the file `out` is the index of a report that shows this revision of the run and these
-/// findings, with as many pages beside it as there are patients. A report in one file never counts:
-/// it is made anew in no time.
+/// findings, with as many pages next to it as there are patients. A report in one file never counts:
+/// it is made again in no time.
 #[must_use]
 pub fn shows(
     out: &Path,
@@ -281,7 +281,7 @@ pub fn shows(
     pages >= n_patients && has_stamp(out, &mark(revision, discovered))
 }
 
-/// Folder of the patients' pages beside an index.
+/// Folder of the patients' pages next to an index.
 fn folder_of(out: &Path) -> PathBuf {
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
     out.with_file_name(format!("{stem}-patients"))

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::WriteError;
 
-/// A folder that is filled beside its target and takes the target's place when it is complete. If
+/// A folder that is filled next to its target and takes the target's place when it is complete. If
 /// it is dropped before, it leaves nothing.
 pub struct WholeFolder {
     beside: tempfile::TempDir,
@@ -14,7 +14,7 @@ pub struct WholeFolder {
 }
 
 impl WholeFolder {
-    /// Begins a folder beside `place`, and makes the parents of `place`.
+    /// Begins a folder next to `place`, and makes the parents of `place`.
     ///
     /// # Errors
     /// [`WriteError::Folder`] if a folder cannot be made.
@@ -76,7 +76,7 @@ impl WholeFolder {
         let occupied = fs::read_dir(&self.place).is_ok_and(|mut entries| entries.next().is_some());
         if occupied {
             // The two folders are exchanged at once, so that a whole one is in place at every
-            // moment. The old one is deleted with `beside`.
+            // moment. The old one is deleted with `next to`.
             use rustix::fs::{CWD, RenameFlags, renameat_with};
             let exchanged =
                 renameat_with(CWD, self.path(), CWD, &self.place, RenameFlags::EXCHANGE);

@@ -1,4 +1,4 @@
-//! `model.toml` beside `patient.toml`: versions of the effects accepted for a patient.
+//! `model.toml` next to `patient.toml`: versions of the effects accepted for a patient.
 //! `patient.toml` and traces stay as they are.
 
 use std::collections::BTreeMap;

@@ -17,7 +17,7 @@ use cardiotwin_schemas::task::TaskSpec;
 
 use crate::SweepError;
 
-/// Default number of blocks in a chunk: some 40 ms of work, beside which the start of a process is
+/// Default number of blocks in a chunk: some 40 ms of work, next to which the start of a process is
 /// short.
 pub const CHUNK_BLOCKS: u32 = 64;
 

@@ -38,7 +38,7 @@ pub fn second_order(record: &SensitivityRecord) -> String {
     text
 }
 
-/// `ranking.csv`: parameters by the sum of their total indices, beside the reference and the paper.
+/// `ranking.csv`: parameters by the sum of their total indices, next to the reference and the paper.
 #[must_use]
 pub fn ranking(record: &SensitivityRecord) -> String {
     let mut text = "rank,parameter,sum_of_ST,half_width,rank_low,rank_high,share_among_first_nine,reference_rank,\

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use cardiotwin_schemas::robustness::{Moments, QuantitySpread, RobustnessResult, TableKind};
 
 /// One row for each quantity of each table: its spread over samples, over seeds, and over the
-/// inputs, beside the mean difference printed in the paper.
+/// inputs, next to the mean difference printed in the paper.
 #[must_use]
 pub fn tables_csv(result: &RobustnessResult) -> String {
     let mut out = Rows::new(&[

@@ -243,7 +243,7 @@ impl<'a> Derivation<'a, '_> {
         self.result_of(step, spec.key(), spec)
     }
 
-    /// Result of a task without which the chain goes on: `None` if the model has no answer to it.
+    /// Result of a task without which the chain continues: `None` if the model has no answer to it.
     fn if_computable(&mut self, step: Step, spec: TaskSpec) -> Derived<Option<Published<'a>>> {
         let key = spec.key();
         match self.result_of(step, key.clone(), spec) {

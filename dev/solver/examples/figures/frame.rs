@@ -62,7 +62,7 @@ impl Frame {
     }
 }
 
-/// Names of the sets beside their colours.
+/// Names of the sets next to their colours.
 pub fn legend<'a>(svg: &mut Svg, names: impl Iterator<Item = &'a str>) {
     for (k, name) in names.enumerate() {
         let y = 42.0 + 18.0 * k as f64;

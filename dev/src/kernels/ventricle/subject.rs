@@ -124,7 +124,7 @@ impl Subject {
         }
         let end_diastole = inflated(&anatomy, workers, stop)?;
         if let Workers::Team(team) = workers {
-            // The other ranks now go on to the beat.
+            // The other ranks now continue to the beat.
             team.dismiss();
         }
         let seconds_inflation = begun.elapsed().as_secs_f64();

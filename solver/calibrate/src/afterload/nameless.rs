@@ -88,7 +88,7 @@ pub(super) fn describe(
     let record = problem.record;
     let n = record.n_samples();
     let basis = basis(record, &vec![true; n], found.n_harmonics);
-    // Residuals of the fixed model are used, because beside the harmonics its parameters could
+    // Residuals of the fixed model are used, because next to the harmonics its parameters could
     // drift.
     let r = DVector::from_vec(problem.all_residuals(&model.parameters));
     let discrepancy = -(&basis * basis.tr_mul(&r));

@@ -277,7 +277,7 @@ impl Lbfgsb {
             DifferenceStep::Absolute(h) => h,
             DifferenceStep::OfWidth(fraction) => fraction * bounds.width(),
         };
-        // As in SciPy, a step that vanishes beside the coordinate is replaced by one of half its
+        // As in SciPy, a step that vanishes next to the coordinate is replaced by one of half its
         // digits.
         let step = if x + step == x {
             f64::EPSILON.sqrt() * x.abs().max(1.0)

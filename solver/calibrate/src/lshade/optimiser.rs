@@ -115,7 +115,7 @@ pub enum Stage {
     Ended,
 }
 
-/// L-SHADE; serialise it after any [`LShade::tell`] to go on from there bit for bit.
+/// L-SHADE; serialise it after any [`LShade::tell`] to continue from there bit for bit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LShade {
     settings: Settings,

@@ -4,7 +4,7 @@
 //! linearised at the mode. Some draws, the pilots, also descend from their own points of the prior; if
 //! that serves better, the model has several valleys, and all draws do so. A further descent ends as
 //! soon as it no longer promises a better end. Derivatives come from the
-//! points that all draws have evaluated. Where a step falls short of its promise, points beside the
+//! points that all draws have evaluated. Where a step falls short of its promise, points next to the
 //! present one are added, which serve all draws. Ensembles share derivatives since Gu and Oliver 2007 (SPE J. 12:438) and Chen
 //! and Oliver 2012 (Math. Geosci. 44:1), with one regression for all draws. Here each draw has a
 //! regression of its own, in which near points count most.
@@ -23,9 +23,9 @@ const GAIN: f64 = 0.25;
 const TRIES: usize = 5;
 /// A descent also ends if the last [`TRIES`] tries together gained less than this.
 const GAIN_OF_TRIES: f64 = 0.5;
-/// Distance of points beside the present one: a little more than the least at which points count.
+/// Distance of points next to the present one: a little more than the least at which points count.
 const BESIDE: f64 = 1.01 * DIFFERENCE;
-/// Largest number of times that a descent evaluates points beside its own.
+/// Largest number of times that a descent evaluates points next to its own.
 const PROBINGS: usize = 1;
 /// Every fifth draw also descends from its point of the prior, and so finds other valleys.
 const PILOTS: usize = 5;
@@ -83,7 +83,7 @@ struct Member<Q> {
     is_pilot: bool,
     place: Place<Q>,
     best: Option<End<Q>>,
-    /// Number of times that points beside the present one were evaluated.
+    /// Number of times that points next to the present one were evaluated.
     probings: usize,
     evaluations: usize,
 }
@@ -92,7 +92,7 @@ struct Member<Q> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Purposed {
     Start,
-    /// A point beside the present one, in the direction of each coordinate.
+    /// A point next to the present one, in the direction of each coordinate.
     Probes,
     /// A step with the gain that it promises.
     Step(f64),
@@ -115,7 +115,7 @@ pub struct Next<Q> {
     index: usize,
     candidate: Candidate,
     found: Option<Evaluated<Q>>,
-    /// Points beside the present one, with the residuals there.
+    /// Points next to the present one, with the residuals there.
     probes: Vec<(Vec<f64>, Vec<f64>)>,
 }
 
@@ -198,7 +198,7 @@ impl<'a, Q> Ensemble<'a, Q> {
         }
     }
 
-    /// Points beside `u` in the direction of each coordinate, with the residuals there; the other side
+    /// Points next to `u` in the direction of each coordinate, with the residuals there; the other side
     /// where the model has no result.
     fn beside(&self, u: &[f64]) -> Vec<(Vec<f64>, Vec<f64>)> {
         let beside = |j: usize| {

@@ -49,7 +49,7 @@ pub struct WallParameters {
     pub valve_plane: ValvePlane,
     /// Pressure in the right ventricle, if the mesh has one; `None` for no pressure.
     pub right_pressure: Option<RightPressure>,
-    /// Further surfaces on springs and dashpots, beside pericardium and rim.
+    /// Further surfaces on springs and dashpots, next to pericardium and rim.
     pub surfaces: Vec<SprungSurface>,
 }
 

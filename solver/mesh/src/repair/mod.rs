@@ -1,4 +1,4 @@
-//! Repair of a mesh as far as possible without meshing anew. Each step is counted and reported.
+//! Repair of a mesh as far as possible without meshing again. Each step is counted and reported.
 //!
 //! The order of steps matters: nodes and elements come first, then pieces and places where tissue
 //! touches itself, then shapes, and last surfaces, which depend on all of these. Tags and frames

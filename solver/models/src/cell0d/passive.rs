@@ -1,4 +1,4 @@
-//! Land passive stress of the 0D cell: an exponential spring beside a spring and dashpot in series (Jung 2022, eqs. A11-A15).
+//! Land passive stress of the 0D cell: an exponential spring next to a spring and dashpot in series (Jung 2022, eqs. A11-A15).
 
 use crate::parameter::parameters;
 use cardiotwin_vector_math::Number;

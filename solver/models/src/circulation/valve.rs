@@ -33,7 +33,7 @@ impl Inertia {
         }
     }
 
-    /// As [`Self::prepare`], for a vessel without a valve: blood goes on backwards, too.
+    /// As [`Self::prepare`], for a vessel without a valve: blood continues backwards, too.
     pub fn prepare_both_ways(&mut self, step: TimeStep, flow_ml_per_s: f64) {
         self.prepare(step, flow_ml_per_s);
         self.drive_mmhg = self.resistance * flow_ml_per_s;
@@ -41,7 +41,7 @@ impl Inertia {
 }
 
 /// Q = Δp/R_f forward and Δp/R_b backward; continuous and monotone, with a kink at Δp = 0. With
-/// inertia, blood goes on forward until the pressure has stopped it.
+/// inertia, blood continues forward until the pressure has stopped it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiodeValve {
     name: &'static str,
@@ -116,7 +116,7 @@ mod tests {
         assert!(valve.is_open(1e-9) && !valve.is_open(-1e-9));
     }
 
-    /// Under a constant pressure the flow rises as Δp/R (1 − exp(−R t/L)); against it, it goes on
+    /// Under a constant pressure the flow rises as Δp/R (1 − exp(−R t/L)); against it, it continues
     /// until it is stopped, and then the valve holds.
     #[test]
     fn blood_with_inertia_starts_and_stops_late() {

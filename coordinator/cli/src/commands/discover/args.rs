@@ -87,7 +87,7 @@ pub struct DiscoverArgs {
     /// Folder of the searches [default: discover in the searched folder]
     #[arg(long, value_name = "DIR")]
     pub(super) run_dir: Option<PathBuf>,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     pub(super) worker: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! Options of a search that its run keeps, so that the next search goes on with them.
+//! Options of a search that its run keeps, so that the next search continues with them.
 
 use std::collections::BTreeMap;
 use std::path::Path;

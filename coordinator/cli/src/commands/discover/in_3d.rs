@@ -1,5 +1,5 @@
 //! `--in-3d`: the patients' finite-element ventricles without and with the named effects, as a run of
-//! their own beside the searches.
+//! their own next to the searches.
 
 use std::path::Path;
 

@@ -6,7 +6,7 @@ use cardiotwin_engine::first_line;
 
 use super::finding::{Finding, Level};
 
-/// Memory that is ample for a beat on the default mesh and the coordinator beside it, MB.
+/// Memory that is ample for a beat on the default mesh and the coordinator next to it, MB.
 const ENOUGH_MEMORY_MB: f64 = 500.0;
 
 /// Checks processor, memory and compilers.

@@ -36,7 +36,7 @@ pub struct DoctorArgs {
     /// Print one JSON object instead of the table
     #[arg(long)]
     json: bool,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! Checks of the worker beside this program and of a launch on two ranks.
+//! Checks of the worker next to this program and of a launch on two ranks.
 
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -116,7 +116,7 @@ pub async fn execute(args: &ExplainArgs, talk: &Talk) -> Result<Exit, CliError> 
     Ok(Exit::Ok)
 }
 
-/// Why step 1 stalled, from which simulation the patient went on, and the commands that go on with
+/// Why step 1 stalled, from which simulation the patient continued, and the commands that continue with
 /// other settings; empty for a patient whose step 1 converged or has not ended.
 fn of_stall(record: &PatientRecord, folders: &Folders) -> String {
     let Some(step1) = &record.step1 else {

@@ -65,7 +65,7 @@ impl Pending {
         let foreseen = engine::foresee(&folders.run, plans).await?;
         let redone_from = match foreseen.get(&PatientId(patient.id.clone())) {
             Some(Foreseen::Redone(step) | Foreseen::GoesOn(step)) => Some(step.to_string()),
-            // The patient goes on when the pilots have ended.
+            // The patient continues when the pilots have ended.
             Some(Foreseen::Waits) => Some(Step::only(Stage::LearnLaw).to_string()),
             Some(Foreseen::Stays) | None => None,
         };

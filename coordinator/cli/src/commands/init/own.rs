@@ -78,7 +78,7 @@ pub struct FromArgs {
     /// Open the picture of what was understood
     #[arg(long, requires = "from")]
     pub open: bool,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH", requires = "from")]
     worker: Option<PathBuf>,
 }

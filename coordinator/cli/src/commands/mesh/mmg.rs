@@ -35,7 +35,7 @@ pub fn program(named: Option<&Path>) -> Result<PathBuf, CliError> {
         .ok_or_else(|| MmgError::Missing.into())
 }
 
-/// Meshes the same body anew with edges of about `edge_mm`; the new surface lies within
+/// Meshes the same body again with edges of about `edge_mm`; the new surface lies within
 /// `distance_mm` of the old one. Tags and surfaces follow mmg's references, directions come from
 /// the nearest old element.
 ///
@@ -94,7 +94,7 @@ pub fn remesh(
 }
 
 /// A mesh whose surfaces share no triangle. If surfaces of the old mesh overlap (a file's own
-/// `endo` beside `endocardium`), each combination of them becomes a surface of its own, because mmg
+/// `endo` next to `endocardium`), each combination of them becomes a surface of its own, because mmg
 /// keeps one reference per triangle.
 struct Parts {
     mesh: TetMesh,

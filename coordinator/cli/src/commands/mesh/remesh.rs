@@ -46,7 +46,7 @@ pub struct RemeshArgs {
     json: bool,
 }
 
-/// Meshes the body anew and writes the mesh.
+/// Meshes the body again and writes the mesh.
 ///
 /// # Errors
 /// A file cannot be read or written, or mmg is missing or fails.

@@ -66,7 +66,7 @@ pub struct RepairArgs {
     /// Rename a surface, such as endocardium=endo (may be given several times)
     #[arg(long, value_name = "NEW=OLD", value_parser = parse::pair)]
     surface: Vec<(String, String)>,
-    /// Find endocardium, epicardium and rim anew even if the file has them
+    /// Find endocardium, epicardium and rim again even if the file has them
     #[arg(long)]
     find_surfaces: bool,
     /// Plane of the base for a mesh whose rim has no sharp edge, given by a point in mm and a

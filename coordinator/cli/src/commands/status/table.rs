@@ -171,7 +171,7 @@ pub fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
     ]
 }
 
-/// The note, cut so that it fits beside the other columns. `show` and `--json` print it in full.
+/// The note, cut so that it fits next to the other columns. `show` and `--json` print it in full.
 fn shortened(note: &str) -> String {
     if note.chars().count() <= LONGEST_NOTE {
         return note.to_owned();

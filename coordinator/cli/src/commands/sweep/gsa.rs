@@ -108,7 +108,7 @@ pub struct GsaArgs {
     workers: u32,
     #[command(flatten)]
     cluster: OnCluster,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     /// Print one JSON object instead of tables

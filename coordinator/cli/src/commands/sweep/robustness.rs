@@ -32,7 +32,7 @@ const ALL: &str = "all";
 
 /// Setting for the stopping rule of step 1, as it begins in `--set`.
 const STOP: &str = "step1.stop=";
-/// Settings over guesses: step 1 goes on until no iteration improves the cost any more. Otherwise
+/// Settings over guesses: step 1 continues until no iteration improves the cost any more. Otherwise
 /// the guess would decide where within the tolerance step 1 stops, and that difference would be
 /// taken for an effect of the guess. Over data, step 1 stops as in the paper: beyond that point,
 /// parameters that uncertain targets hardly determine pay for the last thousandth
@@ -98,7 +98,7 @@ pub struct RobustnessArgs {
     results_only: bool,
     #[command(flatten)]
     cluster: OnCluster,
-    /// Path of the worker's executable [default: cardiotwin-worker beside this program]
+    /// Path of the worker's executable [default: cardiotwin-worker next to this program]
     #[arg(long, value_name = "PATH")]
     worker: Option<PathBuf>,
     /// Print one JSON object instead of tables

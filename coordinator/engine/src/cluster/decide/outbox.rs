@@ -68,7 +68,7 @@ impl State {
         row.is_some_and(|row| row.state.submission == Submission::Intended)
     }
 
-    /// Cancels all given elements with one scancel, an array of which nothing is to go on by its own
+    /// Cancels all given elements with one scancel, an array of which nothing is to continue by its own
     /// number, and jobs without a known number by their names.
     fn cancellation(&self, wanted: &[(i64, ElementId)]) -> Option<Effect> {
         let mut of_jobs: BTreeMap<&str, BTreeSet<usize>> = BTreeMap::new();
@@ -217,7 +217,7 @@ fn end_of_sbatch(output: &Output) -> String {
     }
 }
 
-/// Whether the job is an array of which elements go on that are not among these.
+/// Whether the job is an array of which elements continue that are not among these.
 fn goes_on_without(row: &JobRow, elements: &BTreeSet<usize>) -> bool {
     let mut states = row.state.elements.iter().enumerate();
     row.spec.is_array

@@ -94,7 +94,7 @@ pub struct Series {
     pub dots: bool,
 }
 
-/// Elements of a chart beside its lines.
+/// Elements of a chart next to its lines.
 #[derive(Debug, Clone)]
 pub enum Mark {
     /// A dot with a title and an optional label at an offset.

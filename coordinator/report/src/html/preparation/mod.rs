@@ -171,7 +171,7 @@ fn box_of(name: &str, (px, py): (f64, f64), (dx, dy): (f64, f64)) -> Box4 {
     [x - half, y - 0.8 * LETTER.1, x + half, y + 0.2 * LETTER.1]
 }
 
-/// Marks of named times on a line. Each label is beside its dot, where it covers neither an earlier
+/// Marks of named times on a line. Each label is next to its dot, where it covers neither an earlier
 /// label nor another dot, inside of the chart: preferably right of the dot, below a high line and above
 /// a low one.
 fn event_marks(events: &[(&'static str, f64)], line: &Line, chart: &Chart) -> Vec<Mark> {

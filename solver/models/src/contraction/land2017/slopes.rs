@@ -5,7 +5,7 @@ use super::equations::{
     LAMBDA_CAP, LAMBDA_OVERLAP, LEAST_OCCUPANCY, Terms, UNBLOCKING_CAP, gamma_su,
 };
 
-/// Slopes of [`Terms`], each with respect to the one quantity that it depends on beside Ca50.
+/// Slopes of [`Terms`], each with respect to the one quantity that it depends on next to Ca50.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct TermSlopes {
     /// Slope dCa50/dλ of the half-saturation \[µM\].

@@ -2,7 +2,7 @@
 //!
 //! SDIRK2 (Alexander 1977, γ = 1 − 1/√2, stiffly accurate). Given calcium and stretch, each stage is a chain of linear
 //! problems: troponin, then the distortions, then the three bridge states. The derivative with respect to the candidate
-//! stretch is carried along beside every value, so that Newton in the organ sees the model's whole answer.
+//! stretch is carried along next to every value, so that Newton in the organ sees the model's whole answer.
 //!
 //! The elimination is by hand; its terms are those of [`super::equations`], and a test puts the stages back into the equations.
 //!
