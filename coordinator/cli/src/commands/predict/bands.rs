@@ -11,7 +11,7 @@ use cardiotwin_schemas::task::OrganBeatSpec;
 
 use super::beat::simulate;
 use super::change::Change;
-use super::indices::{Traces, indices};
+use super::indices::{Traces, changes, indices};
 use crate::error::CliError;
 use crate::ventricle::AskedFor;
 
@@ -61,14 +61,16 @@ const FEWEST: usize = 20;
 /// changed, both to the periodic state. The law's own error is added to its changes. Draws with a beat that fails are left out; fewer than
 /// `FEWEST` successful draws give no bands.
 ///
-/// - `twin`: the unchanged beat; `asked`: the ventricle in which the draws are simulated
+/// - `twin`: the unchanged beat, and `own` the twin's indices; `asked`: the ventricle in which the draws
+///   are simulated
 ///
 /// # Errors
 /// [`CliError::Worker`] if the worker cannot be run.
 pub fn of(
     posterior: &PosteriorResult,
     twin: &OrganBeatSpec,
-    changes: &[Change],
+    own: &[(&'static str, f64)],
+    made: &[Change],
     asked: AskedFor<'_>,
     worker: &Path,
 ) -> Result<Bands, CliError> {
@@ -93,16 +95,13 @@ pub fn of(
             let mut after = before.clone();
             // A change that is valid for the twin is valid for its draws, because their values have
             // the same signs.
-            if changes
-                .iter()
-                .any(|change| change.make(&mut after).is_err())
-            {
+            if made.iter().any(|change| change.make(&mut after).is_err()) {
                 return Ok(None);
             }
             let (Some(before), Some(after)) = (simulated(&before)?, simulated(&after)?) else {
                 return Ok(None);
             };
-            let mut changes = changes_of(&before, &after);
+            let mut changes = changes(own, &before, &after);
             if let AskedFor::Law(_) = asked {
                 add_error_of_law(&mut changes, at);
             }
@@ -168,15 +167,6 @@ fn add_error_of_law(changes: &mut Indices, draw: usize) {
             *change = (1.0 + *change) * (1.0 + error) - 1.0;
         }
     }
-}
-
-/// Relative changes of the indices that both beats have.
-fn changes_of(before: &Indices, after: &Indices) -> Indices {
-    let change = |(name, before): &(&'static str, f64)| {
-        let (_, after) = after.iter().find(|(other, _)| other == name)?;
-        Some((*name, (after - before) / before)).filter(|(_, change)| change.is_finite())
-    };
-    before.iter().filter_map(change).collect()
 }
 
 #[cfg(test)]

@@ -98,6 +98,40 @@ pub fn indices(
         .collect()
 }
 
+/// Value of an index by name.
+pub fn value_of(indices: &[(&'static str, f64)], name: &str) -> Option<f64> {
+    let found = indices.iter().find(|(other, _)| *other == name)?;
+    Some(found.1)
+}
+
+/// Relative changes, by which the twin's indices are multiplied, of those that both beats have.
+///
+/// The end-systolic volume follows from the end-diastolic one and the stroke between them. With a share
+/// of its own, the predicted volumes would not differ by the predicted stroke volume.
+pub fn changes(
+    twin: &[(&'static str, f64)],
+    before: &[(&'static str, f64)],
+    after: &[(&'static str, f64)],
+) -> Vec<(&'static str, f64)> {
+    let share = |before: f64, after: f64| (after - before) / before;
+    let (edv, esv) = (Biomarker::Edv.key(), Biomarker::Esv.key());
+    let stroke = |beat: &[_]| Some(value_of(beat, edv)? - value_of(beat, esv)?);
+    let of_esv = || {
+        let filled = value_of(twin, edv)? * share(value_of(before, edv)?, value_of(after, edv)?);
+        let ejected = stroke(twin)? * share(stroke(before)?, stroke(after)?);
+        Some((filled - ejected) / value_of(twin, esv)?)
+    };
+    let change = |(name, before): &(&'static str, f64)| {
+        let own = share(*before, value_of(after, name)?);
+        let change = match *name == esv {
+            true => of_esv().unwrap_or(own),
+            false => own,
+        };
+        Some((*name, change)).filter(|(_, change)| change.is_finite())
+    };
+    before.iter().filter_map(change).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -130,5 +164,41 @@ mod tests {
             !found.contains_key("P_max_mmHg"),
             "what a beat does not have is left out"
         );
+    }
+
+    #[test]
+    fn predicted_volumes_differ_by_the_predicted_stroke() {
+        let beat = |edv: f64, sv: f64| {
+            [
+                ("EDV_mL", edv),
+                ("ESV_mL", edv - sv),
+                ("SV_mL", sv),
+                ("P_max_mmHg", 100.0),
+            ]
+        };
+        // The simulated ventricle is smaller than the twin's, so that its shares differ.
+        let (twin, before, after) = (beat(120.0, 66.0), beat(100.0, 50.0), beat(105.0, 60.0));
+        let found = changes(&twin, &before, &after);
+        let predicted = |name: &str| {
+            let change = value_of(&found, name).unwrap();
+            value_of(&twin, name).unwrap() * (1.0 + change)
+        };
+        assert!(
+            (predicted("SV_mL") - 79.2).abs() < 1e-9 && (predicted("EDV_mL") - 126.0).abs() < 1e-9
+        );
+        assert!(
+            (predicted("ESV_mL") - 46.8).abs() < 1e-9,
+            "{}",
+            predicted("ESV_mL")
+        );
+        assert_eq!(value_of(&found, "P_max_mmHg"), Some(0.0));
+        let unchanged = changes(&twin, &before, &before);
+        assert!(
+            unchanged.iter().all(|(_, change)| *change == 0.0),
+            "{unchanged:?}"
+        );
+        // Without the twin's volumes the share is the simulated one.
+        let alone = changes(&[], &before, &after);
+        assert!((value_of(&alone, "ESV_mL").unwrap() + 0.1).abs() < 1e-12);
     }
 }

@@ -24,7 +24,7 @@ use tempfile::TempDir;
 use self::bands::Bands;
 use self::beat::simulate;
 use self::change::{Change, Changed};
-use self::indices::{Traces, indices};
+use self::indices::{Traces, changes, indices, value_of};
 use self::predicted::Predicted;
 use crate::error::CliError;
 use crate::exit::Exit;
@@ -232,16 +232,17 @@ fn predict(
         indices(&result.biomarkers, &Traces::of(text), beat.cycle_length_ms)
     };
     let posterior = ventricle.posterior().filter(|_| !args.no_band);
+    let twins = of(own, &own_traces, &before);
     let bands = match posterior {
         Some(posterior) => {
             let beats = args.beats.map_or(PERIODIC, |n| BeatCount::Fixed { n });
             let twin = ventricle.beat_of_twin("predict", beats)?;
-            bands::of(posterior, &twin, changes, reduced, worker)?
+            bands::of(posterior, &twin, &twins, changes, reduced, worker)?
         }
         None => Bands::new(),
     };
     let mut indices = side_by_side(
-        &of(own, &own_traces, &before),
+        &twins,
         &of(&result_before, &traces_before, &before),
         &of(&result_after, &traces_after, &after),
     );
@@ -351,18 +352,9 @@ fn side_by_side(
     before: &[(&'static str, f64)],
     after: &[(&'static str, f64)],
 ) -> Vec<Predicted> {
-    let of = |values: &[(&str, f64)], name: &str| {
-        values
-            .iter()
-            .find(|(n, _)| *n == name)
-            .map(|(_, value)| *value)
-    };
+    let made = changes(twin, before, after);
     let row = |name: &'static str| {
-        let (own, a, b) = (of(twin, name), of(before, name), of(after, name));
-        let relative_change = a
-            .zip(b)
-            .map(|(a, b)| (b - a) / a)
-            .filter(|change| change.is_finite());
+        let (own, relative_change) = (value_of(twin, name), value_of(&made, name));
         let predicted = own
             .zip(relative_change)
             .map(|(own, change)| own * (1.0 + change));
@@ -372,8 +364,8 @@ fn side_by_side(
             relative_change,
             predicted,
             band: None,
-            simulated_before: a,
-            simulated_after: b,
+            simulated_before: value_of(before, name),
+            simulated_after: value_of(after, name),
         }
     };
     before.iter().map(|(name, _)| row(name)).collect()

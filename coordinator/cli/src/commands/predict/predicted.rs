@@ -9,7 +9,8 @@ pub struct Predicted {
     pub name: &'static str,
     /// Value in the twin's own beat.
     pub twin: Option<f64>,
-    /// (after − before) / before of the periodic states.
+    /// (after − before) / before of the periodic states; of the end-systolic volume the change that follows
+    /// from those of the end-diastolic volume and of the stroke.
     pub relative_change: Option<f64>,
     /// The twin's value with `relative_change` applied.
     pub predicted: Option<f64>,
