@@ -12,6 +12,7 @@ pub mod access;
 pub mod answers;
 pub mod cancelled;
 pub mod commands;
+pub mod directives;
 pub mod failure;
 pub mod job;
 pub mod job_status;

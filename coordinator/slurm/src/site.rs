@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use crate::answers::config::SiteConfig;
 use crate::answers::qos::QosRow;
-use crate::script::{DirectiveError, check_directive};
+use crate::directives::{DirectiveError, check_directive};
 use crate::walltime::{self, Limit};
 
 /// Error in a profile. `toml`'s own messages name line and key.

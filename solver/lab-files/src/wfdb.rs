@@ -464,7 +464,7 @@ mod tests {
             .iter()
             .flat_map(|s| s.to_le_bytes())
             .collect();
-        let header = |sum: i32| format!("r 1 500\nr.dat 16 10/mmHg 16 0 0 {sum} 0 LVP\n");
+        let header = |sum: i32| format!("r 1 500\nr.dat 16 10/mmHg 16 0 95 {sum} 0 LVP\n");
         assert_eq!(read(&header(1086), &bytes).problems, []);
         // In 16 bits, with and without a sign.
         assert_eq!(read(&header(1086 + 65536), &bytes).problems, []);

@@ -8,7 +8,7 @@ use cardiotwin_slurm::answers::config::{self, SiteConfig};
 use cardiotwin_slurm::answers::qos::{self, QosRow};
 use cardiotwin_slurm::answers::{Exit, Output};
 use cardiotwin_slurm::commands;
-use cardiotwin_slurm::script;
+use cardiotwin_slurm::directives::check_directive;
 use cardiotwin_slurm::site::{Scheduler as Kind, Site};
 use cardiotwin_store::Writer;
 
@@ -96,7 +96,7 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
         }
     }
     for directive in &settings.directives {
-        script::check_directive(directive).map_err(|problem| {
+        check_directive(directive).map_err(|problem| {
             wrong(format!(
                 "executor.slurm.directives has `{directive}`: {problem}"
             ))

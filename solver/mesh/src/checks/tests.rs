@@ -313,7 +313,15 @@ fn missing_and_wrong_fibres_are_told() {
         (placeholder.name(), placeholder.severity()),
         ("fibres-of-one-direction", Severity::Warning)
     );
+    // Other directions in fewer than half of the elements do not make fibres of a placeholder.
     mesh.frames[0].fibre = [0.0, 0.0, 1.0];
+    assert_eq!(only(&mesh, &expected).name(), "fibres-of-one-direction");
+    for frame in mesh.frames.iter_mut().step_by(3) {
+        frame.fibre = [0.0, 0.0, 1.0];
+    }
+    for frame in mesh.frames.iter_mut().skip(1).step_by(3) {
+        frame.fibre = [0.0, 1.0, 0.0];
+    }
     assert_eq!(told(&mesh, &expected), Vec::<Defect>::new());
     mesh.frames[4].fibre = [0.0; 3];
     mesh.frames[9].fibre = [f64::NAN; 3];

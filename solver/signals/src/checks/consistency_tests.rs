@@ -24,7 +24,9 @@ fn aorta(delay_ms: f64) -> Trace {
         let t = (t - delay_ms).rem_euclid(800.0);
         let up = 1.0 / (1.0 + (-(t - 110.0) / 10.0).exp());
         let fall = (-(t - 250.0_f64).max(0.0) / 700.0).exp();
-        70.0 - 0.02 * t.min(110.0) + up * 48.0 * fall
+        // A rounded peak: a flat one is that of a cut trace.
+        let dome = (std::f64::consts::PI * (t.clamp(110.0, 350.0) - 110.0) / 240.0).sin();
+        70.0 - 0.02 * t.min(110.0) + up * (44.0 + 4.0 * dome) * fall
     };
     Trace::uniform(
         Quantity::Pressure,
