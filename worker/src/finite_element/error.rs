@@ -113,19 +113,20 @@ pub enum FiniteElementError {
 
 /// The place in the image that a search missed most, in words.
 fn missed(error: &PassiveStateError) -> String {
-    match error {
-        PassiveStateError::TooMuchWork {
-            farthest:
-                Some(Farthest {
-                    distance_mm,
-                    at_mm: [x, y, z],
-                }),
-            ..
-        } => format!(
-            "the unloaded wall misses the image most at ({x:.1}, {y:.1}, {z:.1}) mm, by {distance_mm:.2} mm; "
-        ),
-        _ => String::new(),
-    }
+    let PassiveStateError::TooMuchWork {
+        farthest: Some(farthest),
+        ..
+    } = error
+    else {
+        return String::new();
+    };
+    let Farthest {
+        distance_mm,
+        at_mm: [x, y, z],
+    } = **farthest;
+    format!(
+        "the unloaded wall misses the image most at ({x:.1}, {y:.1}, {z:.1}) mm, by {distance_mm:.2} mm; "
+    )
 }
 
 fn listed(tags: &[i32]) -> String {

@@ -8,10 +8,11 @@ use std::ops::ControlFlow;
 
 use cardiotwin_linalg::parallel::{Communicator, VectorLayout};
 
+use super::farthest::Farthest;
 use super::passive_state_error::PassiveStateError;
 use super::piece::Piece;
 use super::rigid::rigid_motion;
-use super::search::{Farthest, Place, Search};
+use super::search::{Place, Search};
 use super::wall::{WallParameters, displacement};
 use crate::dynamics::{Candidate, Dynamics, State};
 use crate::step::{Closure, Passive, Solver, StepError, StepReport, StepSettings, step_watched};

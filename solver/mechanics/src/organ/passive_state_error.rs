@@ -2,7 +2,7 @@
 
 use cardiotwin_linalg::parallel::{PartitionError, RankFailure};
 
-use super::search::Farthest;
+use super::farthest::Farthest;
 use super::search_work::SearchWork;
 use super::wall::WallError;
 use crate::step::StepError;
@@ -39,7 +39,7 @@ pub enum PassiveStateError {
         /// Pressure of the equilibrium that was sought last \[kPa\].
         pressure_kpa: f64,
         /// Node that the last pass missed most, if there was a pass.
-        farthest: Option<Farthest>,
+        farthest: Option<Box<Farthest>>,
         /// Failure of the last equilibrium that was not found, if there was one.
         source: Option<StepError>,
     },

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use cardiotwin_linalg::parallel::Communicator;
 
 use super::anatomy::Anatomy;
+use super::farthest::Farthest;
 use super::passive_state_error::PassiveStateError;
 use super::search_work::SearchWork;
 use crate::element::kernel::VolumeChange;
@@ -128,15 +129,6 @@ pub struct SearchProgress {
     pub relative_residual: Option<f64>,
 }
 
-/// Node of the image that an inflated wall missed most.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Farthest {
-    /// Distance of the inflated node from its place in the image \[mm\].
-    pub distance_mm: f64,
-    /// Place of the node in the image \[mm\].
-    pub at_mm: [f64; 3],
-}
-
 /// Receives the progress of a search and decides whether it continues.
 pub type Watch<'a> = dyn FnMut(&SearchProgress) -> ControlFlow<()> + 'a;
 
@@ -255,7 +247,7 @@ impl Search<'_> {
                 trials: self.trials,
                 passes,
                 pressure_kpa,
-                farthest: self.farthest,
+                farthest: self.farthest.map(Box::new),
                 source: self.failed.clone(),
             });
         }
