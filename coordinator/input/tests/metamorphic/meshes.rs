@@ -134,7 +134,7 @@ fn fibres() -> (usize, Vec<String>) {
         vec![cosine, sine, 0.3]
     };
     let mostly = |e: usize| {
-        if e % 3 == 0 {
+        if e.is_multiple_of(3) {
             turning(e)
         } else {
             vec![0.0, 0.1, 1.0]
