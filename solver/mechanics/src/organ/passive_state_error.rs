@@ -41,7 +41,7 @@ pub enum PassiveStateError {
         /// Node that the last pass missed most, if there was a pass.
         farthest: Option<Box<Farthest>>,
         /// Failure of the last equilibrium that was not found, if there was one.
-        source: Option<StepError>,
+        source: Option<Box<StepError>>,
     },
     /// The inflation did not reach its pressure.
     #[error("no equilibrium found beyond {reached_kpa:.4} of {wanted_kpa:.4} kPa")]

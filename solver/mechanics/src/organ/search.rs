@@ -248,7 +248,7 @@ impl Search<'_> {
                 passes,
                 pressure_kpa,
                 farthest: self.farthest.map(Box::new),
-                source: self.failed.clone(),
+                source: self.failed.clone().map(Box::new),
             });
         }
         let progress = SearchProgress {
