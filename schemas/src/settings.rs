@@ -498,10 +498,12 @@ pub struct SlurmSettings {
     pub directives: Vec<String>,
     /// Largest number of your jobs in a queue at a time, waiting or running; 0 for the limit of the
     /// queue.
+    #[serde(skip_serializing_if = "crate::absent::is_zero_count")]
     #[schemars(range(max = 1_000_000))]
     pub max_jobs: u32,
     /// Largest number of node-hours of the run's jobs; 0 for no limit. What is spent counts, and the
     /// walltimes of jobs that wait or run.
+    #[serde(skip_serializing_if = "crate::absent::is_zero")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 1e12))]
     pub max_node_hours: f64,
     /// Time before the end of the walltime at which a job is warned, so that it can write a
