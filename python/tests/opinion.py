@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -132,6 +133,50 @@ def cohort(kind, folder):
         # 1: the verification beat fails, too
         run(*NO_DRAWS, "--set", "step3.max_iterations=0", accept=(1,))
     return folder
+
+
+def worker():
+    """The worker beside the program; a wheel has both as scripts."""
+    beside = Path(program()).parent / "cardiotwin-worker"
+    return str(beside) if beside.is_file() else shutil.which("cardiotwin-worker")
+
+
+def simulated(beat, folder, parameters=None, beats=None, change=None, law=None):
+    """Traces of an organ beat's specification with other parameters of the cell and of the valves, number of beats
+    or load; in the organ's law that a file of samples teaches, where there is one. None without a beat."""
+    beat = json.loads(json.dumps(beat))
+    for key, value in (parameters or {}).items():
+        place = beat["valves"] if key in beat["valves"] else beat["contraction"]["parameters"]
+        place[key] = value
+    for key, factor in (change or {}).items():
+        beat["circulation"]["afterload"][key] *= factor
+    beat["beats"] = beats or beat["beats"]
+    folder.mkdir(parents=True, exist_ok=True)
+    spec = folder / "task.json"
+    spec.write_text(json.dumps({"kind": "organ-beat", **beat}), encoding="utf-8")
+    options = ["--law", str(law)] if law else []
+    command = [worker(), "simulate", str(spec), "--out", str(folder), *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    if json.loads(done.stdout)["ending"]["ending"] != "succeeded":
+        return None
+    return mine.columns(folder / "traces.csv")
+
+
+def simulations_of(beat, sets, folder, **how):
+    """The same of many sets of parameters, some at a time."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(lambda k: simulated(beat, folder / str(k), sets[k], **how), range(len(sets))))
+
+
+def law_file(spec, folder):
+    """The samples that teach a posterior the organ's law, as a file; none of a reduced ventricle."""
+    if not spec.get("law"):
+        return None
+    folder.mkdir(parents=True, exist_ok=True)
+    known = {"beats": spec["law"]} | ({"prior": spec["prior"]} if spec.get("prior") else {})
+    (folder / "law.json").write_text(json.dumps(known), encoding="utf-8")
+    return folder / "law.json"
 
 
 class Dashboard:

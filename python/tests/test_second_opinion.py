@@ -33,11 +33,16 @@ from opinion import (  # noqa: E402
     cohort,
     directory,
     kinds,
+    law_file,
     measured,
     recomputed_beat,
     same,
     simulations,
+    simulations_of,
 )
+
+# Largest relative difference of a posterior's quantiles from those of beats that are simulated again.
+BANDS = 2e-3
 
 
 @pytest.fixture(scope="module", params=kinds())
@@ -572,41 +577,74 @@ def test_the_reports_intervals(case):
         pytest.skip("no posterior")
 
 
-def test_the_posteriors_bands_and_spreads(case):
-    """Each draw is simulated again by itself."""
+def test_the_posteriors_bands_and_spreads(case, tmp_path):
+    """Each draw is simulated again by itself: in the one-fibre ventricle, or in the organ's law of the run's beats. The
+    difference from the beat with the twin's parameters moves the twin's own beat."""
     n = 0
     for name, patient in case.shown.items():
-        # In 3D a draw's beat is the organ's law's, which `simulate` does not run.
-        if not patient.get("posterior") or case.mesh(name):
+        if not patient.get("posterior"):
             continue
         told, cycle = patient["posterior"]["result"], patient["plan"]["step0"]["cycle_length_ms"]
-        spreads, curves = [], {"pressure_mmHg": [], "volume_mL": []}
-        for draw in told["draws"]:
-            sets = [f"--set={key}={value!r}" for key, value in zip(told["parameters"], draw, strict=True)]
-            beat = json.loads(call("simulate", name, "--cohort", case.folder, "--cell", "--json", *sets))["traces"]
-            t, pressure, volume = (np.array(beat[key]) for key in ("time_ms", *curves))
-            spreads.append(mine.biomarkers((t, pressure), (t, volume), measured(patient).get("EDV_mL")))
-            at = np.arange(len(told["pressure_mmHg"]["p5"])) * cycle / len(told["pressure_mmHg"]["p5"])
-            curves["pressure_mmHg"].append(np.interp(at, t, pressure))
-            curves["volume_mL"].append(np.interp(at, t, volume))
-        # The posterior's beats take steps of 2 ms.
+        spec = json.loads((directory(patient["posterior"]) / "spec.json").read_text(encoding="utf-8"))["task"]
+        law = law_file(spec, tmp_path / name)
+        # The posterior's own steps.
+        beat = spec["beat"] | {"time_step_ms": max(spec["beat"]["time_step_ms"], 4.0 if law else 2.0)}
+        own, at = beats(patient).get("step3") or patient["verification"], np.arange(40) * cycle / 40
+        real = measured(patient)
+
+        def seen(traces, at=at, real=real):
+            t, pressure, volume = (traces[key] for key in ("time_ms", "pressure_mmHg", "volume_mL"))
+            curves = {key: np.interp(at, t, traces[key]) for key in ("pressure_mmHg", "volume_mL")}
+            return curves, mine.biomarkers((t, pressure), (t, volume), real.get("EDV_mL"))
+
+        twin = seen(mine.columns(directory(own) / "traces.csv"))
+        draws = [dict(zip(told["parameters"], draw, strict=True)) for draw in told["draws"]]
+        found = simulations_of(beat, [spec["twin"]["parameters"], *draws], tmp_path / name, law=law)
+        assert all(traces is not None for traces in found), name
+        cheap, *of_draws = map(seen, found)
         for key, band in told["biomarkers"].items():
-            values = [spread[key] for spread in spreads]
+            values = [twin[1][key] * draw[1][key] / cheap[1][key] for draw in of_draws]
             for p in (5, 50, 95):
-                same(band[f"p{p}"], mine.quantile(values, p / 100), (name, key, p), rel=0.01, low=0.3)
+                same(band[f"p{p}"], mine.quantile(values, p / 100), (name, key, p), rel=BANDS, low=0.1)
                 n += 1
-        for key, own in curves.items():
+        for key in ("pressure_mmHg", "volume_mL"):
+            curves = np.array([twin[0][key] + draw[0][key] - cheap[0][key] for draw in of_draws])
             for p in (5, 50, 95):
-                told_at = np.array(told[key][f"p{p}"])
-                own_at = np.array([mine.quantile(values, p / 100) for values in np.array(own).T])
-                assert np.sqrt(np.mean((told_at - own_at) ** 2)) < 1.0, (name, key, p)
+                own_at = [mine.quantile(values, p / 100) for values in curves.T]
+                assert np.allclose(told[key][f"p{p}"], own_at, atol=0.3), (name, key, p)
                 n += 1
     if n == 0:
-        pytest.skip("no reduced patient with a posterior")
+        pytest.skip("no patient with a posterior")
 
 
-def test_predictions_are_the_twins_value_times_the_change(case):
+def indices_of(traces, cycle):
+    """What a treatment is judged by, of the traces of a beat."""
+    t, pressure, volume, aorta = (
+        traces[key] for key in ("time_ms", "pressure_mmHg", "volume_mL", "aortic_pressure_mmHg")
+    )
+    found = mine.biomarkers((t, pressure), (t, volume))
+    work = 0.5 * ((pressure + np.roll(pressure, -1)) * (volume - np.roll(volume, -1))).sum()
+    return {key: found[key] for key in ("EDV_mL", "ESV_mL", "SV_mL", *BIOMARKERS) if key in found} | {
+        "ejection_fraction": found["SV_mL"] / found["EDV_mL"],
+        "cardiac_output_L_per_min": 60 * found["SV_mL"] / cycle,
+        "stroke_work_mJ": 0.133322387415 * work,
+        "aortic_systolic_mmHg": aorta.max(),
+        "aortic_diastolic_mmHg": aorta.min(),
+        "aortic_mean_mmHg": aorta.mean(),
+    }
+
+
+def changes_of(twin, before, after):
+    """Relative changes that are applied to the twin. ESV follows from EDV and from the stroke between both."""
+    found = {key: after[key] / before[key] - 1 for key in before}
+    strokes = [beat["EDV_mL"] - beat["ESV_mL"] for beat in (twin, before, after)]
+    esv = twin["EDV_mL"] * (1 + found["EDV_mL"]) - strokes[0] * strokes[2] / strokes[1]
+    return found | {"ESV_mL": esv / twin["ESV_mL"] - 1}
+
+
+def test_predictions_are_the_twins_value_times_the_change(case, tmp_path):
     change = "peripheral_resistance_mmHg_s_per_mL"
+    periodic = {"mode": "periodic", "max": 100, "tolerance": 0.05}
     for name, patient in case.shown.items():
         twin = beats(patient).get("step3") or beats(patient).get("step2")
         if not twin or patient["plan"]["step0"].get("fidelity") == "external":
@@ -616,30 +654,62 @@ def test_predictions_are_the_twins_value_times_the_change(case):
         [told] = json.loads(call(*arguments, accept=(0, 1)))["predictions"]
         [changed] = told["changes"]
         same(changed["after"], 0.8 * changed["before"], (name, change), rel=1e-9)
-        own, indices = recomputed_beat(patient, twin), {index["name"]: index for index in told["indices"]}
+        traces, cycle = mine.columns(directory(twin) / "traces.csv"), patient["plan"]["step0"]["cycle_length_ms"]
+        own, indices = indices_of(traces, cycle), {index["name"]: index for index in told["indices"]}
+        ends = [
+            {key: index[f"simulated_{end}"] for key, index in indices.items() if index["simulated_after"] is not None}
+            for end in ("before", "after")
+        ]
+        applied = changes_of(own, *ends)
         for key, index in indices.items():
-            if key in own and index["twin"] is not None:
-                same(index["twin"], own[key], (name, key), rel=2e-4)
+            same(index["twin"], own[key], (name, key), rel=2e-4)
             if index["predicted"] is None:
                 continue
-            before, after = index["simulated_before"], index["simulated_after"]
-            same(index["relative_change"], after / before - 1, (name, key, "change"), rel=1e-6, low=1e-9)
-            same(index["predicted"], index["twin"] * after / before, (name, key, "predicted"), rel=1e-6)
+            same(index["relative_change"], applied[key], (name, key, "change"), rel=1e-4, low=1e-6)
+            same(index["predicted"], own[key] * (1 + applied[key]), (name, key, "predicted"), rel=3e-4)
             assert (index.get("band") is not None) == bool(patient.get("posterior")), (name, key)
             if index.get("band"):
                 low, high = index["band"]
                 assert low <= index["predicted"] <= high, (name, key, index)
         # The files draw what the table says.
         shown = mine.columns(out / f"{name}-before.csv")
-        traces = mine.columns(directory(twin) / "traces.csv")
         assert np.allclose(shown["pressure_mmHg"], traces["pressure_mmHg"]), name
         predicted = mine.columns(out / f"{name}-after.csv")
         for key, value in (
             ("P_max_mmHg", predicted["pressure_mmHg"].max()),
             ("EDV_mL", predicted["volume_mL"][0]),
             ("ESV_mL", predicted["volume_mL"].min()),
+            ("aortic_systolic_mmHg", predicted["aortic_pressure_mmHg"].max()),
+            ("aortic_diastolic_mmHg", predicted["aortic_pressure_mmHg"].min()),
         ):
             same(indices[key]["predicted"], value, (name, key, "of the curve"), rel=2e-3)
+        if not patient.get("posterior"):
+            continue
+        # The periodic states and the band: the twin and each draw, unchanged and changed. The law's own error is added
+        # to its bands, so only those of a one-fibre ventricle are those of the draws.
+        spec = json.loads((directory(patient["posterior"]) / "spec.json").read_text(encoding="utf-8"))["task"]
+        law, result = law_file(spec, tmp_path / name), patient["posterior"]["result"]
+        sets = [spec["twin"]["parameters"]]
+        if not law:
+            sets += [dict(zip(result["parameters"], draw, strict=True)) for draw in result["draws"]]
+        pairs = zip(
+            simulations_of(spec["beat"], sets, tmp_path / name / "before", law=law, beats=periodic),
+            simulations_of(
+                spec["beat"], sets, tmp_path / name / "after", law=law, beats=periodic, change={change: 0.8}
+            ),
+            strict=True,
+        )
+        pairs = [tuple(indices_of(traces, cycle) for traces in pair) for pair in pairs]
+        for key in ends[0]:
+            for end, simulated in zip(ends, pairs[0], strict=True):
+                # Cut steps are shorter than the samples of the file, which moves rates.
+                same(end[key], simulated[key], (name, key, "periodic"), rel=2e-3, low=1e-3)
+        draws = [changes_of(own, *pair) for pair in pairs[1:]]
+        for key, index in indices.items():
+            if draws and index.get("band"):
+                low, middle, high = (mine.quantile([draw[key] for draw in draws], share) for share in (0.05, 0.5, 0.95))
+                moved = sorted(own[key] * (1 + applied[key] + end - middle) for end in (low, high))
+                same(index["band"], moved, (name, key, "band"), rel=5e-3)
 
 
 def test_the_dashboards_numbers(case):
