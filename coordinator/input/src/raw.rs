@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_input_files::{self as input_files, MaxBytes};
 use cardiotwin_lab_files::{Request, Table, UNREAD, Wanted, read};
-use cardiotwin_recordings::cine::{Cine, CineError};
+use cardiotwin_recordings::cine::{Cine, CineError, cycle_of};
 use cardiotwin_recordings::recording::{Channels, Recording, RecordingError};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::preparation::RawInput;
@@ -523,14 +523,11 @@ impl Reader<'_> {
             table.columns.remove("volume")?,
         );
         let lines: Vec<f64> = time_ms.clone();
-        let n_lines = lines.len();
         let (time_ms, volume_ml) = self.segmented(&path, &table, time_ms, volume_ml);
         // Frames without a volume tell the length of the cycle all the same.
-        let cycle_length_ms = file.cine.cycle_length_ms.or_else(|| {
-            let bare = time_ms.len() < n_lines;
-            let whole = Cine::new(lines.clone(), vec![1.0; n_lines], None).ok();
-            whole.filter(|_| bare).map(|cine| cine.cycle_length_ms)
-        });
+        let are_left_out = time_ms.len() < lines.len();
+        let stated = file.cine.cycle_length_ms;
+        let cycle_length_ms = stated.or_else(|| are_left_out.then(|| cycle_of(&lines)));
         match Cine::new(time_ms, volume_ml, cycle_length_ms) {
             Ok(cine) => self.of_a_heart(&path, cine),
             Err(error) => {

@@ -189,7 +189,7 @@ fn is_taken(path: &Path, content: Vec<u8>, folder: &Path) -> bool {
     }
 }
 
-/// Whether a table is read; `next to` is a file next to it with another content.
+/// Whether a table is read; `beside` is a file next to it with another content.
 fn table(path: &Path, content: &[u8], beside: Option<(&Path, &[u8])>) -> bool {
     let wanted = [
         Wanted::required("time"),

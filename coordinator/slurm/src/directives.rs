@@ -75,7 +75,7 @@ pub fn check_directive(text: &str) -> Result<(), DirectiveError> {
 }
 
 /// Whether a text can stand on a `#SBATCH` line. Slurm splits these lines at blanks, interprets
-/// quotes and `\\`, and replaces `%`.
+/// quotes and `\`, and replaces `%`.
 pub(crate) fn can_stand_in_directive(value: &str) -> bool {
     let bad =
         |c: char| c.is_whitespace() || c.is_control() || matches!(c, '"' | '\'' | '\\' | '#' | '%');

@@ -9,17 +9,16 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, anyhow, ensure};
+use anyhow::{Context as _, ensure};
 use cardiotwin_calibrate::cohort_law::{LawOrgan, learn};
 use cardiotwin_calibrate::organ_law::{LawBeat, LawPrior, OrganFeatures, fit_law, shipped_prior};
-use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
-use cardiotwin_models::ventricle::{OneFibrePassive, OrganLaw, PassiveLaw as _};
+use cardiotwin_models::ventricle::{OneFibrePassive, OrganLaw};
 use cardiotwin_schemas::finite_element::VentricleFigures;
-use cardiotwin_schemas::organ::{OrganSpec, StretchOrigin};
+use cardiotwin_schemas::organ::{CellStretch, OrganSpec, StretchOrigin};
 use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::task::{AttemptSpec, OrganBeatSpec, TaskSpec};
-use cardiotwin_units::{Ml, Mmhg};
+use cardiotwin_worker::tasks::proposal::{features, law_wall, learnable_beats};
 use nalgebra::{DMatrix, DVector};
 
 /// Share of the largest singular value below which a direction of a regression is left out.
@@ -34,7 +33,7 @@ struct Patient {
 
 struct Beat {
     samples: LawSamples,
-    slack: Option<f64>,
+    cell_stretch: CellStretch,
     step_ms: f64,
     started: String,
 }
@@ -71,16 +70,9 @@ fn print_rows(name: &str, patients: &[Patient]) -> anyhow::Result<()> {
     );
     let prior = shipped_prior();
     let ours = |patient: &Patient, taught: &[&Beat], prior: &LawPrior, beat: &Beat| {
-        let beats: Vec<LawBeat<'_>> = taught.iter().map(|beat| beat.told()).collect();
+        let beats = told(taught.iter().copied());
         let law = fit_law(&patient.wall, &patient.features, &beats, prior)?;
         Ok(in_law(&law, &patient.wall, beat))
-    };
-    let all_others = |patient: &Patient, left_out: usize| -> Vec<Beat> {
-        let beats = patient.beats.iter().enumerate();
-        beats
-            .filter(|(k, _)| *k != left_out)
-            .map(|(_, beat)| beat.clone())
-            .collect()
     };
     type Predict<'a> = dyn Fn(usize, &Patient, &[&Beat], &Beat) -> anyhow::Result<Said> + 'a;
     let one_factor = |_: usize, patient: &Patient, taught: &[&Beat], beat: &Beat| {
@@ -125,15 +117,17 @@ fn print_rows(name: &str, patients: &[Patient]) -> anyhow::Result<()> {
         let mut found = Vec::new();
         for (i, patient) in patients.iter().enumerate() {
             for (k, beat) in patient.beats.iter().enumerate() {
-                let rest = all_others(patient, k);
-                let taught: Vec<&Beat> = match from {
-                    "first beat" => patient.beats[..1].iter().collect(),
-                    _ => rest.iter().collect(),
+                let beats = patient.beats.iter().enumerate();
+                let rest: Vec<&Beat> = beats.filter(|(j, _)| *j != k).map(|(_, b)| b).collect();
+                let is_alone = rest.is_empty();
+                let taught = match from {
+                    "first beat" => vec![&patient.beats[0]],
+                    _ => rest,
                 };
                 let needs_own = from == "first beat" || from == "other beats";
                 let is_own = from == "first beat" && k == 0;
                 let lacks_others = from.contains("other patients") && patients.len() < 2;
-                if is_own || lacks_others || needs_own && rest.is_empty() {
+                if is_own || lacks_others || needs_own && is_alone {
                     continue;
                 }
                 found.push(errors(&predict(i, patient, &taught, beat)?, beat));
@@ -167,16 +161,11 @@ fn others(patients: &[Patient], i: usize) -> impl Iterator<Item = &Patient> {
 }
 
 impl Beat {
-    fn told(&self) -> LawBeat<'_> {
-        LawBeat {
-            volume_ml: &self.samples.volume_ml,
-            pressure_mmhg: &self.samples.pressure_mmhg,
-            stress_kpa: &self.samples.active_stress_kpa,
-            stretch: &self.samples.stretch,
-            stretch_deviation: &self.samples.stretch_deviation,
-            stress_deviation_kpa: &self.samples.stress_deviation_kpa,
-            slack: self.slack,
-        }
+    /// Slack stretch of the cells over that of the unloaded wall; `None` if their stretch is counted
+    /// from end-diastole.
+    fn slack(&self) -> Option<f64> {
+        (self.cell_stretch.origin == StretchOrigin::Unloaded)
+            .then_some(self.cell_stretch.slack_stretch)
     }
 
     /// Volumes with their stresses.
@@ -186,14 +175,11 @@ impl Beat {
     }
 }
 
-impl Clone for Beat {
-    fn clone(&self) -> Self {
-        Self {
-            samples: self.samples.clone(),
-            started: self.started.clone(),
-            ..*self
-        }
-    }
+/// Beats as the fit of a law takes them.
+fn told<'a>(beats: impl Iterator<Item = &'a Beat>) -> Vec<LawBeat<'a>> {
+    beats
+        .flat_map(|beat| learnable_beats(&beat.cell_stretch, std::iter::once(&beat.samples)))
+        .collect()
 }
 
 impl Patient {
@@ -201,7 +187,7 @@ impl Patient {
         LawOrgan {
             passive: self.wall,
             features: self.features,
-            beats: self.beats.iter().map(Beat::told).collect(),
+            beats: told(self.beats.iter()),
         }
     }
 }
@@ -209,7 +195,7 @@ impl Patient {
 /// The organ's law in a beat, without the response of the stretch to differences of stress.
 fn in_law(law: &OrganLaw, wall: &OneFibrePassive, beat: &Beat) -> Said {
     let slack = beat
-        .slack
+        .slack()
         .unwrap_or_else(|| law.end_diastolic_stretch(wall));
     let (mut pressures, mut stretches) = (Vec::new(), Vec::new());
     for ((volume_ml, stress_kpa), difference_kpa) in
@@ -243,7 +229,7 @@ fn one_fibre(taught: &[(OneFibrePassive, &[&Beat])], wall: &OneFibrePassive, bea
         }
     }
     let factor = product / square;
-    let slack = beat.slack.unwrap_or(1.0);
+    let slack = beat.slack().unwrap_or(1.0);
     let said = beat.states().map(|(volume_ml, stress_kpa)| {
         let (passive, active) = terms(wall, volume_ml, stress_kpa);
         let (stretch, _) = OrganLaw::stretch_row(wall, volume_ml, stress_kpa, 0.0);
@@ -350,21 +336,9 @@ fn patients(run: &Path) -> anyhow::Result<Vec<Patient>> {
 }
 
 fn patient(figures: &VentricleFigures) -> anyhow::Result<Patient> {
-    let wall = OneFibrePassive::through(
-        Ml(figures.unloaded_volume_ml),
-        Ml(figures.end_diastolic_volume_ml),
-        Mmhg(figures.end_diastolic_pressure_mmhg),
-        Ml(figures.wall_volume_ml),
-        DEFAULT_EXPONENT * figures.exponent_factor,
-    )
-    .map_err(|error| anyhow!("{error}"))?;
     Ok(Patient {
-        wall,
-        features: OrganFeatures {
-            log_exponent_factor: figures.exponent_factor.ln(),
-            log_image_volume: (figures.image_volume_ml / figures.end_diastolic_volume_ml).ln(),
-            duration_share: figures.epicardial_duration_share,
-        },
+        wall: law_wall(figures)?,
+        features: features(figures),
         beats: Vec::new(),
     })
 }
@@ -396,12 +370,11 @@ fn beat_in(attempt: &Path) -> anyhow::Result<Option<(PathBuf, VentricleFigures, 
     let TaskResult::OrganBeat(result) = *result else {
         return Ok(None);
     };
-    let is_unloaded = cell_stretch.origin == StretchOrigin::Unloaded;
     Ok(result.law.map(|samples| {
         let beat = Beat {
             step_ms: cycle_length_ms / samples.volume_ml.len() as f64,
             samples,
-            slack: is_unloaded.then_some(cell_stretch.slack_stretch),
+            cell_stretch,
             started: outcome.provenance.started,
         };
         (organ.ventricle.path, organ.figures, beat)

@@ -60,7 +60,7 @@ pub struct Request<'a> {
 }
 
 /// Reads the content of a file.
-/// - `next to`: reader of files that a header names
+/// - `beside`: reader of files that a header names
 #[must_use]
 pub fn read(bytes: &[u8], request: &Request<'_>, beside: &mut wfdb::Beside<'_>) -> TableReading {
     let Request { file, wanted, .. } = *request;

@@ -310,7 +310,12 @@ impl RWaves {
     }
 
     fn agrees(&self) -> bool {
-        self.of > 0 && self.share() >= AGREES && !self.is_scattered() && !self.is_late()
+        self.has_rises() && !self.is_scattered() && !self.is_late()
+    }
+
+    /// Whether enough beats between these R waves have one rise.
+    fn has_rises(&self) -> bool {
+        self.of > 0 && self.share() >= AGREES
     }
 
     fn is_late(&self) -> bool {
@@ -336,18 +341,18 @@ impl RWaves {
     fn refusal(&self) -> EcgRefused {
         if self.empty {
             EcgRefused::Empty
-        } else if self.of > 0 && self.share() >= AGREES && !self.is_scattered() {
-            EcgRefused::Late {
-                delay_ms: self.delay_ms.0,
+        } else if !self.has_rises() {
+            EcgRefused::Disagrees {
+                once: self.once,
+                of: self.of,
             }
-        } else if self.of > 0 && self.share() >= AGREES {
+        } else if self.is_scattered() {
             EcgRefused::Scattered {
                 spread_ms: self.delay_ms.1,
             }
         } else {
-            EcgRefused::Disagrees {
-                once: self.once,
-                of: self.of,
+            EcgRefused::Late {
+                delay_ms: self.delay_ms.0,
             }
         }
     }

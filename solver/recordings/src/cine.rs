@@ -52,6 +52,20 @@ pub enum CineError {
     },
 }
 
+fn typical_step(time_ms: &[f64]) -> f64 {
+    median(time_ms.windows(2).map(|w| w[1] - w[0]))
+}
+
+/// Length of the cycle of frames at increasing times \[ms\], which ends one typical step after the last
+/// frame; NaN for fewer than two.
+#[must_use]
+pub fn cycle_of(time_ms: &[f64]) -> f64 {
+    match time_ms {
+        [first, .., last] => last - first + typical_step(time_ms),
+        _ => f64::NAN,
+    }
+}
+
 impl Cine {
     /// A series from frames at increasing times. Without a cycle length, the cycle ends one typical
     /// step after the last frame.
@@ -77,9 +91,9 @@ impl Cine {
                 volume_ml: *volume_ml,
             });
         }
-        let step = median(time_ms.windows(2).map(|w| w[1] - w[0]));
+        let step = typical_step(&time_ms);
         let (first_ms, last_ms) = (time_ms[0], time_ms[n - 1]);
-        let cycle = cycle_length_ms.unwrap_or(last_ms - first_ms + step);
+        let cycle = cycle_length_ms.unwrap_or_else(|| cycle_of(&time_ms[..n]));
         if last_ms - first_ms > cycle + 0.5 * step || cycle <= 0.0 || cycle.is_nan() {
             return Err(CineError::Beyond {
                 first_ms,
@@ -101,7 +115,7 @@ impl Cine {
     /// Typical distance between frames \[ms\].
     #[must_use]
     pub fn step_ms(&self) -> f64 {
-        median(self.time_ms.windows(2).map(|w| w[1] - w[0]))
+        typical_step(&self.time_ms)
     }
 
     /// Volume at a time, from a line through the frames around it, because the noise of a single

@@ -1,5 +1,7 @@
 //! Node-hours that a run may take.
 
+use std::fmt;
+
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_store::cluster_jobs::{JobRow, JobSpec, committed_node_hours};
 
@@ -32,12 +34,7 @@ impl Budget {
 
     /// Why patients wait whose jobs the limit excludes.
     pub fn holds(&self, n_patients: usize) -> String {
-        format!(
-            "{n_patients} patients wait: their jobs would exceed executor.slurm.max_node_hours \
-             ({}), of which {:.2} are spent or asked for; raise it to continue",
-            self.limit_node_hours.unwrap_or_default(),
-            self.committed_node_hours,
-        )
+        format!("{n_patients} patients wait: their jobs would exceed {self}; raise it to continue")
     }
 
     /// Remark of a plan whose jobs exceed the limit.
@@ -45,12 +42,20 @@ impl Budget {
         let beyond = jobs.iter().filter(|job| !self.takes(job)).count();
         (beyond > 0).then(|| {
             format!(
-                "{beyond} of {} jobs exceed executor.slurm.max_node_hours ({}), of which {:.2} are \
-                 spent or asked for: they are not submitted before it is raised",
+                "{beyond} of {} jobs exceed {self}: they are not submitted before it is raised",
                 jobs.len(),
-                self.limit_node_hours.unwrap_or_default(),
-                self.committed_node_hours,
             )
         })
+    }
+}
+
+impl fmt::Display for Budget {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let limit = self.limit_node_hours.unwrap_or_default();
+        write!(
+            f,
+            "executor.slurm.max_node_hours ({limit}), of which {:.2} are spent or asked for",
+            self.committed_node_hours
+        )
     }
 }

@@ -76,7 +76,7 @@ impl WholeFolder {
         let occupied = fs::read_dir(&self.place).is_ok_and(|mut entries| entries.next().is_some());
         if occupied {
             // The two folders are exchanged at once, so that a whole one is in place at every
-            // moment. The old one is deleted with `next to`.
+            // moment. The old one is deleted with `beside`.
             use rustix::fs::{CWD, RenameFlags, renameat_with};
             let exchanged =
                 renameat_with(CWD, self.path(), CWD, &self.place, RenameFlags::EXCHANGE);

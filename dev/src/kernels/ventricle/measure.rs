@@ -244,7 +244,7 @@ pub(super) fn measure(
 pub(super) struct Costs {
     /// Peak memory of each process \[MB\].
     peaks: Vec<f64>,
-    /// Sum over processes of the peak memory since [`again`] \[MB\].
+    /// Sum over processes of the peak memory since [`anew`] \[MB\].
     beat_peak_mb: f64,
     /// Processor time of all processes \[s\].
     processor_seconds: f64,
@@ -252,7 +252,7 @@ pub(super) struct Costs {
 
 /// Costs of all processes. Collective if there are several.
 ///
-/// - `before_mb`: the peak memory that [`again`] returned in this process
+/// - `before_mb`: the peak memory that [`anew`] returned in this process
 pub(super) fn costs(ranks: Ranks<'_>, before_mb: f64, own_cpu_s: f64) -> Costs {
     let beat_mb = peak_memory_mb();
     let own = [beat_mb.max(before_mb), beat_mb, own_cpu_s];

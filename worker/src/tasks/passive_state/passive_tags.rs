@@ -31,7 +31,7 @@ pub(super) fn check(
 
 /// Our tag for passive tissue with the tag `tag` in a patient's own mesh.
 ///
-/// - `next to`: tags of tissue that does not belong to the left ventricle's base, see
+/// - `beside`: tags of tissue that does not belong to the left ventricle's base, see
 ///   [`tags::BESIDE`]
 pub(super) fn ours(named: &PassiveTissues, beside: &BTreeSet<i32>, tag: i32) -> i32 {
     let place = named.keys().zip(FIRST..).find(|(named, _)| **named == tag);

@@ -200,12 +200,16 @@ pub(crate) fn law_organ(
 }
 
 /// Passive wall of the organ's law.
-pub(crate) fn law_wall(figures: &VentricleFigures) -> Result<OneFibrePassive, TaskError> {
+///
+/// # Errors
+/// [`TaskError`] when the figures are outside the range of the model.
+pub fn law_wall(figures: &VentricleFigures) -> Result<OneFibrePassive, TaskError> {
     one_fibre_of(figures, DEFAULT_EXPONENT * figures.exponent_factor)
 }
 
 /// Features on which the prior of the organ's law depends.
-pub(crate) fn features(figures: &VentricleFigures) -> OrganFeatures {
+#[must_use]
+pub fn features(figures: &VentricleFigures) -> OrganFeatures {
     OrganFeatures {
         log_exponent_factor: figures.exponent_factor.ln(),
         log_image_volume: (figures.image_volume_ml / figures.end_diastolic_volume_ml).ln(),
@@ -214,7 +218,7 @@ pub(crate) fn features(figures: &VentricleFigures) -> OrganFeatures {
 }
 
 /// Beats for the fit of a law.
-pub(crate) fn learnable_beats<'a>(
+pub fn learnable_beats<'a>(
     stretch: &CellStretch,
     beats: impl Iterator<Item = &'a LawSamples>,
 ) -> Vec<LawBeat<'a>> {
