@@ -220,6 +220,19 @@ fn what_is_accepted_is_personalised_with_until_it_is_reverted() {
         as_it_was["verification"]["key"]
     );
     assert_eq!(gap(&patient["before"]), before);
+    // What was accepted is told from what the patient's file has, also inside the passive law.
+    let said = cohort.call(&["explain", "03-CoA"]).expect(0).out;
+    for changed in ["wall_volume_mL", "exponent", "compliance_mL_per_mmHg"] {
+        let line = said
+            .lines()
+            .find(|line| line.contains(&format!(".{changed}: ")));
+        let line = line.unwrap_or_else(|| panic!("no {changed} in {said}"));
+        assert!(
+            line.contains("`discover --accept`, in its model.toml"),
+            "{line}"
+        );
+    }
+    assert!(!said.contains("patient.toml"), "{said}");
     let learned = fs::read_to_string(cohort.run_dir().join("models/03-CoA/model.toml")).unwrap();
     assert!(learned.contains("atrial_kick"), "{learned}");
 

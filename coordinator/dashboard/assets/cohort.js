@@ -128,7 +128,7 @@ function head() {
   state.className = tone;
   chips();
   const total = counts().reduce((sum, [, n]) => sum + n, 0);
-  // What is over fills the bar from the left; what runs is only a line below it.
+  // Only what is over fills the bar, from the left: a patient that runs is no progress yet.
   const parts = counts().sort(([a], [b]) => OVER.includes(b) - OVER.includes(a));
   at("progress").replaceChildren(...parts.map(([name, n]) => {
     const part = element("span", { class: `part ${name}`, title: `${n} ${name}` });

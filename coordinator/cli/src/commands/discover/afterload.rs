@@ -8,6 +8,7 @@ use cardiotwin_calibrate::afterload::{
 };
 use cardiotwin_report::html::afterload_discovery_svg;
 use cardiotwin_report::results::atomic;
+use cardiotwin_report::results::discovery::words::probability;
 use cardiotwin_schemas::afterload::{
     AfterloadCandidate, AfterloadConfusable, AfterloadDiscovery, AfterloadEffect, AfterloadInOrgan,
 };
@@ -292,13 +293,20 @@ fn summary(answer: &AfterloadDiscovery) -> String {
             // What is probable but was refused must not be called needless.
             None => match refused(answer) {
                 Some(effect) => format!(
-                    "undecided: {} has probability {:.3}, and was not accepted{}",
+                    "undecided: {} has probability {}, that nothing is missing {}; it was not \
+                     accepted{}",
                     effect.name,
-                    effect.probability,
+                    probability(effect.probability, 3),
+                    probability(answer.none_probability, 3),
                     effect
                         .refused
                         .as_deref()
                         .map_or(String::new(), |why| format!(" ({why})"))
+                ),
+                None if answer.nameless_probability > answer.none_probability => format!(
+                    "undecided: a gap without a name has probability {}, that nothing is missing {}",
+                    probability(answer.nameless_probability, 3),
+                    probability(answer.none_probability, 3)
                 ),
                 None => "none: no effect is needed besides the three elements".to_owned(),
             },
@@ -330,7 +338,7 @@ fn refused(answer: &AfterloadDiscovery) -> Option<&AfterloadCandidate> {
         .effects
         .iter()
         .max_by(|a, b| a.probability.total_cmp(&b.probability))
-        .filter(|effect| effect.probability > answer.none_probability.max(0.5))
+        .filter(|effect| effect.probability > answer.none_probability)
 }
 
 fn strengths(
@@ -376,7 +384,7 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
         let tone = accepted.then_some(Tone::Good);
         ranking.toned([
             (effect.name.clone(), tone),
-            (format!("{:.3}", effect.probability), None),
+            (probability(effect.probability, 3), None),
             (format!("{:.1}", effect.delta_bic), None),
             (format!("{:.1} %", 100.0 * effect.gap), None),
             (strengths(&effect.strength, &effect.interval), None),
@@ -386,10 +394,10 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
     text.push_str(&ranking.text());
     text.push_str(&format!(
         "an effect is named if BIC falls by more than {:.0}; probability that nothing is missing \
-         {:.3}, of an unnamed shape {:.3}; {} samples worth {}\n\n",
+         {}, of an unnamed shape {}; {} samples worth {}\n\n",
         settings.threshold,
-        answer.none_probability,
-        answer.nameless_probability,
+        probability(answer.none_probability, 3),
+        probability(answer.nameless_probability, 3),
         answer.record.n_samples,
         number(answer.noise.n_effective)
     ));
@@ -496,10 +504,26 @@ mod tests {
         (open.none, open.unexplained) = (true, None);
         open.accepted.clear();
         assert!(summary(&open).starts_with("undecided: tube_reflection has probability"));
+        // Also where the likeliest effect has less than one half.
+        for effect in &mut open.effects {
+            effect.probability = if effect.name == "tube_reflection" {
+                0.3
+            } else {
+                0.0
+            };
+        }
+        (open.none_probability, open.nameless_probability) = (0.2, 0.1);
+        assert!(summary(&open).starts_with(
+            "undecided: tube_reflection has probability 0.300, that nothing is missing 0.200"
+        ));
         open.effects
             .iter_mut()
             .for_each(|effect| effect.probability = 0.01);
         assert!(summary(&open).starts_with("none: no effect is needed"));
+        open.nameless_probability = 0.4;
+        assert!(
+            summary(&open).starts_with("undecided: a gap without a name has probability 0.400")
+        );
         assert!(answer.gap_heldout_after < 0.6 * answer.gap_heldout_before);
         insta::assert_snapshot!(text(&answer, &settings, &talk));
     }

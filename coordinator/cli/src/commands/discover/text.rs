@@ -53,7 +53,7 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
         });
         ranking.toned([
             (effect.name.clone(), tone),
-            (format!("{:.3}", effect.probability), None),
+            (words::probability(effect.probability, 3), None),
             (format!("{:.1}", effect.delta_bic), None),
             (format!("{:.1}", effect.log_evidence), None),
             (words::strength(effect), None),
@@ -306,7 +306,7 @@ pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
             .effects
             .first()
             .filter(|_| !found.findings.none)
-            .map(|effect| format!("{:.2}", effect.probability));
+            .map(|effect| words::probability(effect.probability, 2));
         table.row([
             case.case.clone(),
             missing,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use cardiotwin_engine::LeafChange;
 use cardiotwin_input::Patient;
+use cardiotwin_schemas::plan::ResolvedPatient;
 use serde_json::Value;
 
 /// Layers, or files and lines, that set the changed value. Where several keys end alike, those that
@@ -28,8 +29,8 @@ pub fn places(
             .map(|(_, path)| path.display().to_string()),
     );
     if places.is_empty()
-        && let (Some(patient), Some(name)) = (patient, parts.last())
-        && is_accepted(change, name, patient)
+        && let Some(patient) = patient
+        && is_accepted(change, patient)
     {
         places.push(format!(
             "accepted for {} by `discover --accept`, in its model.toml",
@@ -66,7 +67,11 @@ pub struct PlanValues(HashSet<(String, String)>);
 impl PlanValues {
     /// Values of the plan with everything that was accepted; `None` without a plan.
     pub fn of(patient: &Patient) -> Option<Self> {
-        let plan = serde_json::to_value(patient.resolved.as_ref()?).ok()?;
+        patient.resolved.as_ref().and_then(Self::of_plan)
+    }
+
+    fn of_plan(plan: &ResolvedPatient) -> Option<Self> {
+        let plan = serde_json::to_value(plan).ok()?;
         let mut values = Self::default();
         values.collect("", &plan);
         Some(values)
@@ -77,7 +82,11 @@ impl PlanValues {
             Value::Object(fields) => fields
                 .iter()
                 .for_each(|(name, value)| self.collect(name, value)),
-            Value::Array(items) => items.iter().for_each(|item| self.collect(name, item)),
+            // A bound must not explain a fitted value that has reached it.
+            Value::Array(items) => {
+                let name = format!("{name}[]");
+                items.iter().for_each(|item| self.collect(&name, item));
+            }
             leaf => {
                 self.0.insert((name.to_owned(), comparable(leaf)));
             }
@@ -88,14 +97,15 @@ impl PlanValues {
     pub fn set(&self, change: &LeafChange) -> bool {
         let last = change.path.rsplit('.').next().unwrap_or(&change.path);
         let name = last.split('[').next().unwrap_or(last);
+        let name = name.to_owned() + &"[]".repeat(last.matches('[').count());
         match &change.new {
             None => !change.path.contains('['),
             Some(new @ (Value::Object(_) | Value::Array(_))) => {
                 let mut inner = Self::default();
-                inner.collect(name, new);
+                inner.collect(&name, new);
                 inner.0.is_subset(&self.0)
             }
-            Some(new) => self.0.contains(&(name.to_owned(), comparable(new))),
+            Some(new) => self.0.contains(&(name, comparable(new))),
         }
     }
 }
@@ -108,17 +118,13 @@ fn comparable(value: &Value) -> String {
 }
 
 /// Whether the new value is one that was accepted for the patient, and not that of its own file: the
-/// plan has it, and the plan without anything accepted has another.
-fn is_accepted(change: &LeafChange, name: &str, patient: &Patient) -> bool {
+/// plan has it, and the plan without anything accepted does not.
+fn is_accepted(change: &LeafChange, patient: &Patient) -> bool {
     let (Some(measured), Some(resolved)) = (&patient.measured, &patient.resolved) else {
         return false;
     };
-    let json = |plan| serde_json::to_value(plan).unwrap_or_default();
-    cardiotwin_engine::leaf_changes(&json(measured), &json(resolved))
-        .iter()
-        .any(|accepted| {
-            accepted.path.rsplit('.').next() == Some(name) && accepted.new == change.new
-        })
+    let sets = |plan| PlanValues::of_plan(plan).is_some_and(|values| values.set(change));
+    change.new.is_some() && sets(resolved) && !sets(measured)
 }
 
 /// A line with key, both values, and the places that set the new one.

@@ -9,7 +9,7 @@ use crate::html::tables::scrolling;
 use crate::results::discovery::faults;
 use crate::results::discovery::finite_element::{change, rms_of};
 use crate::results::discovery::pool::{accepted_in, pool};
-use crate::results::discovery::words::{missing, plain, split_unit, strength};
+use crate::results::discovery::words::{missing, plain, probability, split_unit, strength};
 
 /// Number of candidates shown in the ranking.
 const SHOWN: usize = 8;
@@ -38,7 +38,7 @@ pub fn ranking(case: &DiscoverCase) -> Markup {
             @let accepted = found.findings.accepted.contains(&effect.name);
             tr {
                 th scope="row" { (plain(&effect.name)) @if accepted { @if case.confirmed == Some(false) { span.warn { " ▲ accepted, not confirmed" } } @else { span.good { " ● accepted" } } } @if effect.artefact { span.quiet { " artefact" } } }
-                td.num { (format!("{:.3}", effect.probability)) }
+                td.num { (probability(effect.probability, 3)) }
                 td.num { (format!("{:.1}", effect.delta_bic)) }
                 td.num { (format!("{:.1}", effect.log_evidence)) }
                 td { (strength(effect)) @if !effect.plausible { span.quiet { " (too weak, or at the edge of its range)" } } }

@@ -5,7 +5,7 @@ use cardiotwin_schemas::discover::{
     BY_CHANCE, Discovered, EffectClass, IndexChange, RankedEffect, Unexplained, Verdict,
 };
 
-use super::words::{digits, place, plain, split_unit, strength, worst};
+use super::words::{digits, place, plain, probability, split_unit, strength, worst};
 
 /// Share of an index by which it changes at least where the paragraph tells it.
 const TOLD: f64 = 0.05;
@@ -56,7 +56,8 @@ fn one_of(found: &Discovered, class: &EffectClass) -> Vec<String> {
         .filter_map(|name| findings.effects.iter().find(|e| e.name == *name))
         .map(|effect| {
             let (name, strength) = (plain(&effect.name), strength(effect));
-            format!("{name} ({strength}, probability {:.2})", effect.probability)
+            let probability = probability(effect.probability, 2);
+            format!("{name} ({strength}, probability {probability})")
         })
         .collect();
     let mut sentences = vec![format!(
@@ -72,8 +73,8 @@ fn undecided(found: &Discovered) -> Vec<String> {
     let findings = &found.findings;
     let (gap, p) = (findings.gap_before, p_in_words(findings.p_value));
     let best = (findings.effects.first()).map_or(String::new(), |effect| {
-        let (name, probability) = (plain(&effect.name), effect.probability);
-        format!(", {name} (probability {probability:.2}),")
+        let (name, probability) = (plain(&effect.name), probability(effect.probability, 2));
+        format!(", {name} (probability {probability}),")
     });
     let chance = if findings.p_value < BY_CHANCE {
         format!("is better by more than chance ({p})")
@@ -122,8 +123,8 @@ fn named(found: &Discovered) -> Vec<String> {
         .map(|effect| {
             let (name, strength) = (plain(&effect.name), strength(effect));
             let instead = instead(found, &effect.name);
-            let probability = effect.probability;
-            format!("{name}: {strength}, probability {probability:.2}{instead}")
+            let probability = probability(effect.probability, 2);
+            format!("{name}: {strength}, probability {probability}{instead}")
         })
         .collect();
     let places: Vec<String> = worst(found, 2).into_iter().map(place).collect();

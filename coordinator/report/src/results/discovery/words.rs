@@ -8,6 +8,19 @@ pub fn plain(name: &str) -> String {
     name.replace('_', " ")
 }
 
+/// A probability with a number of digits. It is never shown as 0 or 1, because no record is certain.
+#[must_use]
+pub fn probability(p: f64, digits: usize) -> String {
+    let least = 0.1_f64.powi(i32::try_from(digits).unwrap_or(i32::MAX));
+    if p < 0.5 * least {
+        format!("< {least:.digits$}")
+    } else if p >= 1.0 - 0.5 * least {
+        format!("> {:.digits$}", 1.0 - least)
+    } else {
+        format!("{p:.digits$}")
+    }
+}
+
 /// Strength of an effect with its interval, such as `amplitude 7.9 mmHg (6.2 to 9.6)`.
 #[must_use]
 pub fn strength(effect: &RankedEffect) -> String {
@@ -113,6 +126,11 @@ pub fn place(place: &Place) -> String {
     } else {
         format!(" in {}", plain(&place.phase))
     };
+    // A mean within its own noise is no difference: the misfit there changes its sign.
+    if place.z.abs() < 1.0 && place.phase != "beat" {
+        let signal = plain(&place.signal);
+        return format!("{signal}{when}, data in part above and in part below the model");
+    }
     let side = match place.sign {
         Side::Above => "above",
         Side::Below => "below",
@@ -143,6 +161,14 @@ pub fn worst(found: &Discovered, n: usize) -> Vec<&Place> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_probability_is_shown_as_certain() {
+        let shown = [0.0, 0.0006, 0.4, 0.9994, 1.0].map(|p| probability(p, 3));
+        assert_eq!(shown, ["< 0.001", "0.001", "0.400", "0.999", "> 0.999"]);
+        let shown = [0.004, 0.01, 0.996].map(|p| probability(p, 2));
+        assert_eq!(shown, ["< 0.01", "0.01", "> 0.99"]);
+    }
 
     #[test]
     fn units_are_split_from_names() {
