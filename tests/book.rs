@@ -2,6 +2,7 @@
 //! minutes: `.ci/parts.sh` runs it last.
 
 mod built;
+mod pictures;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -161,5 +162,9 @@ fn the_how_tos() {
             &folder.path().join("my-cohort"),
         );
         run(page, folder.path());
+        if page == "examples/hidden-effect/README.md" {
+            let shown = root().join("docs/images/hidden-effect.svg");
+            pictures::assert_drawn(&shown, &folder.path().join("hidden-effect.svg"));
+        }
     }
 }

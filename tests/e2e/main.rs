@@ -22,6 +22,8 @@ mod notices;
 mod old_run;
 mod output;
 mod own_traces;
+#[path = "../pictures.rs"]
+mod pictures;
 mod pilots;
 mod prepare;
 mod prepare_formats;

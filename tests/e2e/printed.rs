@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
+use crate::pictures::assert_drawn;
 use crate::support::{cardiotwin, command};
 
 const COHORT: &str = r#"name = "my-cohort"
@@ -155,6 +156,19 @@ fn output_on_pages_is_what_the_commands_print() {
             block.line,
             String::from_utf8_lossy(&output.stderr)
         );
+    }
+    let recordings = ["prepare", "examples/recordings/P001-raw", "P001"];
+    cardiotwin(folder.path(), &recordings).expect(0);
+    let understood = "my-traces/patients/traces/prepared/understood.svg";
+    for (shown, drawn) in [
+        ("afterload-human.svg", "docs/images/afterload-human.svg"),
+        ("calcium-fit.svg", "docs/images/calcium-fit.svg"),
+        ("own-traces.svg", understood),
+        ("prepare-beats.svg", "P001/prepared/beats.svg"),
+        ("prepare-volume.svg", "P001/prepared/volume.svg"),
+    ] {
+        let shown = root().join("docs/images").join(shown);
+        assert_drawn(&shown, &folder.path().join(drawn));
     }
 }
 
