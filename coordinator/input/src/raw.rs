@@ -9,8 +9,8 @@ use cardiotwin_recordings::recording::{Channels, Recording, RecordingError};
 use cardiotwin_schemas::hash::sha256_hex;
 use cardiotwin_schemas::preparation::RawInput;
 use cardiotwin_schemas::raw::{BeatSource, FileFormat, RawFile};
-use cardiotwin_signals::Problem;
-use cardiotwin_signals::checks::LARGEST_ML;
+use cardiotwin_signals::checks::{Facts, LARGEST_ML, VOLUME_KEY, contradictions};
+use cardiotwin_signals::{Problem, Quantity, Trace};
 
 use super::cohort::read_as;
 use super::document::Document;
@@ -529,7 +529,7 @@ impl Reader<'_> {
         let stated = file.cine.cycle_length_ms;
         let cycle_length_ms = stated.or_else(|| are_left_out.then(|| cycle_of(&lines)));
         match Cine::new(time_ms, volume_ml, cycle_length_ms) {
-            Ok(cine) => self.of_a_heart(&path, cine),
+            Ok(cine) => self.of_a_heart(&path, cine, &file.accept),
             Err(error) => {
                 let (line, remedy) = match &error {
                     CineError::Volume { time_ms, .. } => {
@@ -554,9 +554,10 @@ impl Reader<'_> {
     }
 
     /// The frames, if their volumes are those of a heart.
-    fn of_a_heart(&mut self, path: &Path, cine: Cine) -> Option<Cine> {
+    fn of_a_heart(&mut self, path: &Path, cine: Cine, accepted: &[String]) -> Option<Cine> {
         let largest = cine.volume_ml.iter().copied().fold(0.0, f64::max);
         if LARGEST_ML.contains(&largest) {
+            self.lone_frames(path, &cine, accepted);
             return Some(cine);
         }
         let problem = Problem::error(
@@ -570,6 +571,32 @@ impl Reader<'_> {
         );
         self.report.add(None, problem);
         None
+    }
+
+    /// Reports a frame far off its neighbours, with its time on the cine's own clock.
+    fn lone_frames(&mut self, path: &Path, cine: &Cine, accepted: &[String]) {
+        let frames = Trace::new(
+            Quantity::Volume,
+            cine.time_ms.clone(),
+            cine.volume_ml.clone(),
+        );
+        let facts = Facts {
+            cycle_ms: cine.cycle_length_ms,
+            volume: frames.as_ref().ok(),
+            ..Facts::default()
+        };
+        for problem in contradictions(&facts, accepted, path) {
+            // Misspelt names are reported with what else the recordings break.
+            if problem.key.as_deref() == Some(VOLUME_KEY) {
+                self.report.add(
+                    None,
+                    Problem {
+                        key: None,
+                        ..problem
+                    },
+                );
+            }
+        }
     }
 
     /// The frames that have a volume; a warning names the others.

@@ -103,6 +103,7 @@ pub fn fit(folder: &RawFolder, prepared: &Prepared, facts: &Facts) -> Load {
             ..WindkesselFitSettings::default()
         };
         let fitted = record.and_then(|record| {
+            let record = record.of_one_cycle(average.cycle_length_ms);
             let pulse = record.pulse_pressure_mmhg();
             Ok((fit_windkessel(&record, settings)?, pulse))
         });

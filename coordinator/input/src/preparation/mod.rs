@@ -8,7 +8,7 @@ mod steps;
 
 use cardiotwin_recordings::prepare::{PrepareError, Prepared, Raw, prepare};
 use cardiotwin_schemas::preparation::{BeatLeftOut, BeatsFound, Preparation};
-use cardiotwin_signals::checks::{Facts, contradictions, top_is_cut};
+use cardiotwin_signals::checks::{Facts, VOLUME_KEY, contradictions, top_is_cut};
 use cardiotwin_signals::{Problem, Quantity, Trace};
 
 pub use afterload::{EjectionFlow, EjectionFlowError, ejection_flow, table as afterload_table};
@@ -109,7 +109,16 @@ fn contradictions_of(
         .inputs
         .first()
         .map_or("the recordings", |input| input.file.as_str());
-    contradictions(&told, &folder.file.accept, std::path::Path::new(file))
+    let mut problems = contradictions(&told, &folder.file.accept, std::path::Path::new(file));
+    // Frames of a cine were judged on their own clock when they were read.
+    if prepared
+        .volume
+        .as_ref()
+        .is_some_and(|v| !v.on_pressure_clock)
+    {
+        problems.retain(|problem| problem.key.as_deref() != Some(VOLUME_KEY));
+    }
+    problems
 }
 
 /// Beats of the mean whose own top an amplifier cut, and all of them.

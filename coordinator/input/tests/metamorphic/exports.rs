@@ -324,7 +324,13 @@ fn volumes(rows: &Rows, out: &mut Vec<Variant>) {
         });
     }
     let frames = sound_frames();
-    for bare in [vec![frames.len() - 1], vec![1], vec![frames.len() - 1, 14]] {
+    // The last, a flow that rises twice in one ejection: it is one beat all the same.
+    for bare in [
+        vec![frames.len() - 1],
+        vec![1],
+        vec![frames.len() - 1, 14],
+        vec![8, 9],
+    ] {
         let mut cine = "time_ms,volume_mL\n".to_owned();
         for (i, (t, v)) in frames.iter().enumerate() {
             let volume = if bare.contains(&i) {
@@ -338,6 +344,18 @@ fn volumes(rows: &Rows, out: &mut Vec<Variant>) {
             what: format!("23: frames {bare:?} without a contour"),
             files: vec![catheter.clone(), ("cine.csv".to_owned(), cine.into_bytes())],
             expected: Expected::Same,
+        });
+    }
+    for wrong in 0..frames.len() {
+        let mut cine = "time_ms,volume_mL\n".to_owned();
+        for (i, (t, v)) in frames.iter().enumerate() {
+            let factor = if i == wrong { 2.0 } else { 1.0 };
+            let _ = writeln!(cine, "{t},{}", factor * v);
+        }
+        out.push(Variant {
+            what: format!("23: the volume of frame {wrong} is doubled"),
+            files: vec![catheter.clone(), ("cine.csv".to_owned(), cine.into_bytes())],
+            expected: Expected::Said(&["cine.csv", "where the volumes before and after give"]),
         });
     }
 }

@@ -93,6 +93,15 @@ impl Record {
         })
     }
 
+    /// The same record, of which is known that it holds one cycle. A flow from a few frames may rise
+    /// twice in one ejection, which would make two short beats of it.
+    #[must_use]
+    pub fn of_one_cycle(mut self, cycle_ms: f64) -> Self {
+        self.upstrokes_s.truncate(1);
+        self.cycle_s = 1e-3 * cycle_ms;
+        self
+    }
+
     /// Number of pressure samples in use.
     #[must_use]
     pub fn n_samples(&self) -> usize {

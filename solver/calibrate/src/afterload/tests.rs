@@ -214,6 +214,43 @@ fn linear_effects_have_their_impedance() {
     }
 }
 
+/// A flow that rises twice in its ejection is one beat where the cycle is known.
+#[test]
+fn a_flow_with_two_bumps_is_one_cycle() {
+    let time: Vec<f64> = (0..900).map(f64::from).collect();
+    let bump = |t: f64, from: f64| {
+        let inside = (from..from + 150.0).contains(&t);
+        f64::from(u8::from(inside)) * 400.0 * ((t - from) * TAU / 300.0).sin()
+    };
+    let flow: Vec<f64> = (time.iter())
+        .map(|t| bump(*t, 50.0) + bump(*t, 280.0))
+        .collect();
+    let blank = Record::new(&time, &flow, &time, &vec![80.0; 900]).unwrap();
+    assert_eq!(blank.n_beats(), 2);
+    let blank = blank.of_one_cycle(900.0);
+    assert_eq!((blank.n_beats(), blank.cycle_ms()), (1, 900.0));
+    let periodic = WindkesselFitSettings {
+        start: Start::Periodic,
+        ..WindkesselFitSettings::default()
+    };
+    let mut start = 80.0;
+    let pressure = loop {
+        let pressure = simulate(&blank, LOAD, start, &[]);
+        let end = pressure[899] - LOAD[0] * flow[899];
+        if (end - start).abs() < 1e-3 {
+            break pressure;
+        }
+        start = end;
+    };
+    let fit = fit_windkessel(&blank.with_pressure(pressure), periodic).unwrap();
+    for (found, true_value) in [fit.r1, fit.r2, fit.compliance].iter().zip(LOAD) {
+        assert!(
+            (found.value / true_value - 1.0).abs() < 0.02,
+            "{found:?} {true_value}"
+        );
+    }
+}
+
 /// A shift of either zero gives the same pressure as an outflow pressure to round-off, so that the
 /// two cannot be distinguished.
 #[test]

@@ -9,6 +9,7 @@ use super::clipped;
 pub use super::facts::Facts;
 use super::facts::Verdict::{self, Broken, Doubtful, Holds};
 use super::facts::extremes;
+use super::lone_volume::{VOLUME_KEY, lone_volume};
 use crate::{Problem, Trace};
 use std::path::Path;
 
@@ -64,7 +65,7 @@ const CALCIUM_PEAK_UM: [[f64; 2]; 2] = [[0.1, 10.0], [0.02, 20.0]];
 const CALCIUM_REST_UM: f64 = 0.6;
 
 /// All rules.
-pub const RULES: [Rule; 17] = [
+pub const RULES: [Rule; 18] = [
     Rule {
         name: "ventricle-below-aorta",
         expected: "a ventricle that reaches the aorta's pressure in systole",
@@ -106,6 +107,13 @@ pub const RULES: [Rule; 17] = [
         remedy: "roll the traces so that time 0 is the R wave or the end of diastole, and move the other times with them",
         key: "measured.pressure",
         test: beat_begin,
+    },
+    Rule {
+        name: "lone-volume",
+        expected: "volumes that lie near those before and after",
+        remedy: "correct the contour or the number, or leave the sample out",
+        key: VOLUME_KEY,
+        test: lone_volume,
     },
     Rule {
         name: "largest-pressure",

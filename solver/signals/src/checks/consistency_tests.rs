@@ -99,6 +99,10 @@ fn each_rule_is_broken_by_its_fault_alone_and_can_be_accepted() {
     };
     assert_eq!(told(&no_aorta, &[]), Vec::<String>::new());
     assert_eq!(told(&facts, &COMPARISONS), Vec::<String>::new());
+    // The smallest frame, so that neither extreme of the trace changes by much.
+    let mut frames = volume.values().to_vec();
+    frames[16] *= 2.0;
+    let doubled = Trace::uniform(Quantity::Volume, 25.0, frames).unwrap();
     for (name, broken, severity) in [
         (
             "aortic-mean-pressure",
@@ -288,6 +292,14 @@ fn each_rule_is_broken_by_its_fault_alone_and_can_be_accepted() {
                 ..facts
             },
             "warning",
+        ),
+        (
+            "lone-volume",
+            Facts {
+                volume: Some(&doubled),
+                ..facts
+            },
+            "error",
         ),
         (
             "calcium-range",

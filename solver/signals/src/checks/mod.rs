@@ -11,6 +11,7 @@ mod consistency;
 mod coverage;
 mod facts;
 mod further;
+mod lone_volume;
 mod measured;
 mod pressure_volume;
 mod range;
@@ -24,6 +25,7 @@ use measured::extremes;
 pub use clipped::top_is_cut;
 pub use consistency::{COMPARISONS, Facts, RULES, Rule, contradictions};
 pub use further::check_further;
+pub use lone_volume::VOLUME_KEY;
 pub use measured::{Measured, MeasuredVolume, Source};
 pub use range::LARGEST_ML;
 

@@ -55,6 +55,12 @@ fn mean(samples: &[(f64, f64)]) -> f64 {
     samples.iter().map(|(_, value)| value).sum::<f64>() / samples.len().max(1) as f64
 }
 
+/// Time that samples cover, the last one included.
+fn sampled_ms(trace: &Trace) -> f64 {
+    let n = trace.n_samples() as f64;
+    (trace.end_ms() - trace.time_ms()[0]) * n / (n - 1.0)
+}
+
 /// What is doubtful about the times of a flow and a pressure.
 fn doubts(q: &Trace, p: &Trace) -> Vec<String> {
     let mut said = Vec::new();
@@ -113,8 +119,7 @@ impl FlowSource<'_> {
                 talk,
             )
         };
-        let usual_step = (volume.end_ms() - volume.time_ms()[0]) / (volume.n_samples() - 1) as f64;
-        let cycle_ms = given.unwrap_or(volume.end_ms() - volume.time_ms()[0] + usual_step);
+        let cycle_ms = given.unwrap_or_else(|| sampled_ms(&volume));
         let flow =
             ejection_flow(&volume, Ms(cycle_ms)).map_err(|error| refused(error.to_string()))?;
         Trace::uniform(Quantity::Flow, flow.step_ms, flow.flow_ml_per_s)
@@ -154,6 +159,10 @@ pub fn read_from(
     let flow = source.file();
     let record = Record::new(q.time_ms(), q.values(), p.time_ms(), p.values())
         .map_err(|error| trace::refused(problem(flow, pressure, &error), talk))?;
+    let record = match source {
+        FlowSource::Measured(_) => record,
+        FlowSource::Ejected(..) => record.of_one_cycle(sampled_ms(&q)),
+    };
     if !record.sampled_alike() {
         talk.say(
             "note: flow and pressure are sampled at different times; the flow is interpolated \
