@@ -186,6 +186,7 @@ fn key_of(defect: &Defect, mesh: &PatientMesh) -> &'static str {
         Defect::NoFibres
         | Defect::FibreLength { .. }
         | Defect::OneDirection { .. }
+        | Defect::Unordered { .. }
         | Defect::UnreadDirections { .. } => "anatomy.mesh.fibres",
         Defect::Site { .. } => "anatomy.mesh.activation_sites_mm",
         Defect::Times { .. } if mesh.activation_times_ms.is_some() => {

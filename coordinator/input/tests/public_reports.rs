@@ -601,6 +601,13 @@ fn kind_16_fibres_of_one_direction_are_a_placeholder() {
         let found = intake::look(turned.clone(), &asked);
         assert_eq!(has(&found, "fibres-of-one-direction"), is_told, "{others}");
     }
+    // Directions that change from element to element are those of another order of elements.
+    for (e, frame) in turned.frames.iter_mut().enumerate() {
+        let (sine, cosine) = (0.7 * e as f64 * e as f64).sin_cos();
+        frame.fibre = [0.0, cosine, sine];
+    }
+    let found = intake::look(turned, &asked);
+    assert!(has(&found, "fibres-without-order"), "{:#?}", found.defects);
 }
 
 #[test]

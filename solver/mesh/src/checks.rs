@@ -3,6 +3,7 @@
 
 mod defect;
 mod expected;
+mod fibres;
 mod further;
 mod limits;
 mod places;
@@ -26,13 +27,6 @@ use cardiotwin_units::Ml;
 use places::{at_edge, at_element, at_node, at_triangle};
 use std::collections::{BTreeMap, HashMap};
 
-/// Largest accepted deviation of a fibre's length from one.
-const UNIT_TOLERANCE: f64 = 1e-3;
-/// Cosine of the angle up to which a fibre has the usual direction (26°): a placeholder with noise or a
-/// little bent is one too. The fibres of a ventricle turn by more than 90°.
-const ALIKE: f64 = 0.9;
-/// Share of fibres in the usual direction from which they are a placeholder. A ventricle has up to 0.3.
-const PLACEHOLDER: f64 = 0.5;
 /// Nodes count as doubled if their distance is less than this share of the mean edge.
 pub(crate) const DOUBLED: f64 = 1e-4;
 
@@ -53,7 +47,7 @@ pub fn check(mesh: &TetMesh, unit: LengthUnit, expected: &Expected) -> Vec<Defec
     size(mesh, unit, &mut found);
     surfaces::check(mesh, expected, sound, &mut found);
     further::check(mesh, expected, &mut found);
-    fibres(mesh, expected, &mut found);
+    fibres::check(mesh, expected, &mut found);
     found
 }
 
@@ -301,69 +295,6 @@ fn size(mesh: &TetMesh, unit: LengthUnit, found: &mut Vec<Defect>) {
             likely: likely.map(LengthUnit::symbol),
         });
     }
-}
-
-fn fibres(mesh: &TetMesh, expected: &Expected, found: &mut Vec<Defect>) {
-    if !expected.fibres {
-        return;
-    }
-    if mesh.frames.is_empty() {
-        found.push(Defect::NoFibres);
-        return;
-    }
-    let contracts = |e: &usize| {
-        expected.muscle_tags.is_empty() || expected.muscle_tags.contains(&mesh.tags[*e])
-    };
-    let mut of = 0;
-    let mut wrong: Vec<(usize, f64)> = (0..mesh.n_tets())
-        .filter(contracts)
-        .inspect(|_| of += 1)
-        .map(|e| (e, norm(mesh.frames[e].fibre)))
-        .filter(|(_, length)| length.is_nan() || (length - 1.0).abs() > UNIT_TOLERANCE)
-        .collect();
-    let contracting: Vec<usize> = (0..mesh.n_tets()).filter(contracts).collect();
-    found.extend(one_direction(mesh, &contracting));
-    wrong.sort_by(|a, b| (b.1 - 1.0).abs().total_cmp(&(a.1 - 1.0).abs()));
-    if let Some((_, worst)) = wrong.first().copied() {
-        let places = wrong.iter().map(|(e, _)| at_element(mesh, *e)).collect();
-        found.push(Defect::FibreLength { of, worst, places });
-    }
-}
-
-/// A warning where most fibres of the contracting elements have one direction.
-fn one_direction(mesh: &TetMesh, contracting: &[usize]) -> Option<Defect> {
-    let fibres = || contracting.iter().map(|e| mesh.frames[*e].fibre);
-    let usual = usual_direction(fibres())?;
-    let alike = |fibre: &Vec3| crate::vec3::dot(*fibre, usual).abs() > ALIKE * norm(*fibre);
-    let of = contracting.len();
-    let n = fibres().filter(alike).count();
-    (of > 1 && n as f64 > PLACEHOLDER * of as f64).then_some(Defect::OneDirection { n, of })
-}
-
-/// Steps of the power iteration for the usual direction.
-const POWER_STEPS: usize = 30;
-
-/// The direction along which most fibres lie, whatever their signs: the first principal axis. `None` without
-/// fibres.
-fn usual_direction(fibres: impl Iterator<Item = Vec3>) -> Option<Vec3> {
-    let mut moments = [[0.0; 3]; 3];
-    for fibre in fibres {
-        let square = crate::vec3::dot(fibre, fibre);
-        if square > 0.0 && square.is_finite() {
-            for (row, a) in moments.iter_mut().zip(fibre) {
-                row.iter_mut()
-                    .zip(fibre)
-                    .for_each(|(m, b)| *m += a * b / square);
-            }
-        }
-    }
-    // The column with the largest diagonal is not perpendicular to the axis.
-    let first = (0..3).max_by(|a, b| moments[*a][*a].total_cmp(&moments[*b][*b]))?;
-    let mut axis = crate::vec3::unit(moments[first])?;
-    for _ in 0..POWER_STEPS {
-        axis = crate::vec3::unit(moments.map(|row| crate::vec3::dot(row, axis)))?;
-    }
-    Some(axis)
 }
 
 /// Defects of the activation: sites without contracting tissue near them, or invalid times.

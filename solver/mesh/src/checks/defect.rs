@@ -206,6 +206,10 @@ pub enum Defect {
         n: usize,
         of: usize,
     },
+    /// Fibres of neighbours differ as random directions do.
+    Unordered {
+        mean_cosine: f64,
+    },
     /// The rule makes the fibres, although the file has directions under names that no reader knows.
     UnreadDirections {
         names: Vec<String>,
@@ -269,6 +273,7 @@ impl Defect {
             Self::NoFibres => "no-fibres",
             Self::FibreLength { .. } => "fibre-length",
             Self::OneDirection { .. } => "fibres-of-one-direction",
+            Self::Unordered { .. } => "fibres-without-order",
             Self::UnreadDirections { .. } => "unread-directions",
             Self::Site { .. } => "activation-site",
             Self::NoStart => "no-activation",
@@ -284,6 +289,7 @@ impl Defect {
             | Self::Unreferenced { .. }
             | Self::Touching { .. }
             | Self::OneDirection { .. }
+            | Self::Unordered { .. }
             | Self::UnreadDirections { .. }
             | Self::Wall { .. } => Severity::Warning,
             _ => Severity::Error,
@@ -466,6 +472,11 @@ impl Defect {
             Self::OneDirection { n, of } => {
                 format!("fibres of one direction in {n} of {of} contracting elements")
             }
+            Self::Unordered { mean_cosine } => {
+                format!(
+                    "fibres of neighbours with a mean cosine of {mean_cosine:.2}, as random ones have"
+                )
+            }
             Self::UnreadDirections { names } => {
                 let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
                 format!("no fibres, and directions named {}", names.join(", "))
@@ -541,6 +552,7 @@ impl Defect {
             Self::NoFibres => "a fibre for each contracting element".to_owned(),
             Self::FibreLength { .. } => "a length of 1".to_owned(),
             Self::OneDirection { .. } => "fibres that turn around the cavity".to_owned(),
+            Self::Unordered { .. } => "fibres that change little from an element to the next".to_owned(),
             Self::UnreadDirections { .. } => {
                 "fibres named fibre or fiber; the rule makes them instead".to_owned()
             }
@@ -632,6 +644,9 @@ impl Defect {
             }
             Self::OneDirection { .. } => {
                 "these look like a placeholder: give the real fibres, or set anatomy.mesh.fibres = \"rule\"".to_owned()
+            }
+            Self::Unordered { .. } => {
+                "give the fibres in the order of the elements, or set anatomy.mesh.fibres = \"rule\"".to_owned()
             }
             Self::UnreadDirections { .. } => {
                 "rename the array with the fibres to fibre, or set anatomy.mesh.fibres = \"rule\" if there are none".to_owned()

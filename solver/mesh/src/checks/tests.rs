@@ -1,6 +1,7 @@
 use super::*;
 use crate::ellipsoid::{EllipsoidSpec, generate};
 use crate::tet_mesh::{Frame, surface_names, tags};
+use crate::vec3::unit;
 
 const EXPECTED: Expected = Expected {
     muscle_tags: &[tags::LEFT_VENTRICLE],
@@ -321,6 +322,12 @@ fn missing_and_wrong_fibres_are_told() {
     }
     for frame in mesh.frames.iter_mut().skip(1).step_by(3) {
         frame.fibre = [0.0, 1.0, 0.0];
+    }
+    assert_eq!(only(&mesh, &expected).name(), "fibres-without-order");
+    // Fibres around the axis.
+    for e in 0..mesh.n_tets() {
+        let [x, y, _] = at_element(&mesh, e).at_mm;
+        mesh.frames[e].fibre = unit([-y, x, 0.0]).unwrap();
     }
     assert_eq!(told(&mesh, &expected), Vec::<Defect>::new());
     mesh.frames[4].fibre = [0.0; 3];
