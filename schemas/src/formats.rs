@@ -172,6 +172,8 @@ formats! {
     OWN_TRACES { "own traces", 1, "`cardiotwin init --from --json`", "coordinator", "people's programs", "" }
     /// Twins under changed conditions.
     PREDICTION { "prediction", 1, "`cardiotwin predict --json`", "coordinator", "people's programs", "" }
+    /// Elastance of twins.
+    ELASTANCE { "elastance", 1, "`cardiotwin elastance --json`", "coordinator", "people's programs", "" }
     /// Tables and traces of a patient.
     PATIENT_TABLES { "patient's tables", 1, "`cardiotwin show --tables`", "coordinator", "people's programs", "" }
     /// Result of one simulation.

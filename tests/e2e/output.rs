@@ -242,6 +242,49 @@ fn a_treatment_of_a_twin_is_predicted_or_refused() {
         unchanged.clone().count() > 10
             && unchanged.into_iter().all(|i| i["relative_change"] == 0.0)
     );
+    the_elastance_is_that_of_the_predicted_beats(&cohort);
+}
+
+/// The end-systolic line once more, from the beats that `predict` writes for two of its three fillings.
+fn the_elastance_is_that_of_the_predicted_beats(cohort: &Cohort) {
+    let said = cohort.call(&["elastance", "--json"]).expect(0).out;
+    let json: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(json["patients"].as_array().unwrap().len(), 2);
+    let line = &json["patients"][0]["twin"]["end_systolic_line_mmHg_per_mL"];
+    let number = |key: &str| line[key].as_f64().unwrap();
+    let (slope, intercept_ml) = (number("slope"), number("intercept_mL"));
+    let less = "left_atrial_pressure_mmHg=-30%";
+    let asked = ["predict", "01-CoA", "--set", less, "--out", "less"];
+    cohort.call(&asked).expect(0);
+    let end_systole = |file: &str| {
+        let text = std::fs::read_to_string(cohort.path().join("less").join(file)).unwrap();
+        let mut lines = text.lines();
+        let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+        let column = |name| names.iter().position(|n| *n == name).unwrap();
+        let (p, v) = (column("pressure_mmHg"), column("volume_mL"));
+        let points = lines.map(|line| {
+            let row: Vec<f64> = line.split(',').map(|x| x.parse().unwrap()).collect();
+            (row[v], row[p])
+        });
+        let stiffness = |point: &(f64, f64)| point.1 / (point.0 - intercept_ml);
+        points
+            .max_by(|a, b| stiffness(a).total_cmp(&stiffness(b)))
+            .unwrap()
+    };
+    let (full, empty) = (
+        end_systole("01-CoA-before.csv"),
+        end_systole("01-CoA-after.csv"),
+    );
+    let through_two = (full.1 - empty.1) / (full.0 - empty.0);
+    assert!(
+        (through_two / slope - 1.0).abs() < 0.1,
+        "{through_two} {slope}: {line}"
+    );
+    let table = cohort.call(&["elastance", "01-CoA"]).expect(0).out;
+    assert!(
+        table.contains("EES") && table.contains("Ees of 788 people"),
+        "{table}"
+    );
 }
 
 #[test]

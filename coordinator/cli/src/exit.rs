@@ -151,7 +151,7 @@ const OF_COMMANDS: [(&[&str], &[Exit]); 14] = [
         &[Exit::Ok, Exit::Usage, Exit::Input, Exit::System],
     ),
     (
-        &["check", "simulate", "predict"],
+        &["check", "simulate", "predict", "elastance"],
         &[
             Exit::Ok,
             Exit::Problems,

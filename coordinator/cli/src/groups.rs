@@ -27,7 +27,14 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     (
         "Use twins",
-        &["predict", "simulate", "discover", "fit", "sweep"],
+        &[
+            "predict",
+            "elastance",
+            "simulate",
+            "discover",
+            "fit",
+            "sweep",
+        ],
     ),
     (
         "Keep",

@@ -43,8 +43,8 @@ pub use exit::Exit;
 
 use commands::{
     advance, backup, cancel, check, compare, completions, config, dashboard, discover, doctor,
-    drive, explain, export, fit, housekeeping, init, logs, man, mesh, plan, predict, prepare,
-    report, rerun, retry, run, schemas, show, simulate, status, sweep, verify, version,
+    drive, elastance, explain, export, fit, housekeeping, init, logs, man, mesh, plan, predict,
+    prepare, report, rerun, retry, run, schemas, show, simulate, status, sweep, verify, version,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -88,6 +88,7 @@ enum Command {
     Advance(advance::AdvanceArgs),
     Simulate(simulate::SimulateArgs),
     Predict(predict::PredictArgs),
+    Elastance(elastance::ElastanceArgs),
     Status(status::StatusArgs),
     Dashboard(dashboard::DashboardArgs),
     Show(show::ShowArgs),
@@ -186,6 +187,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Drive(args) => drive::execute(args, talk).await,
         Command::Simulate(args) => simulate::execute(args, talk).await,
         Command::Predict(args) => predict::execute(args, talk).await,
+        Command::Elastance(args) => elastance::execute(args, talk).await,
         Command::Status(args) => status::execute(args, talk).await,
         Command::Dashboard(args) => dashboard::execute(args, talk).await,
         Command::Show(args) => show::execute(args, talk).await,

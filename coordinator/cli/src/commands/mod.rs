@@ -11,6 +11,7 @@ pub mod dashboard;
 pub mod discover;
 pub mod doctor;
 pub mod drive;
+pub mod elastance;
 pub mod explain;
 pub mod export;
 pub mod fit;

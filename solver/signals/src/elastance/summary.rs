@@ -81,10 +81,17 @@ pub struct SingleBeatElastance {
 }
 
 impl TwinElastance {
-    /// Values of a twin's beats; the first is the beat at rest. Stroke work needs a beat of another filling.
+    /// Values of a twin's beats.
+    ///
+    /// - `fillings`: beats of other fillings, the first at rest; the lines go through these, as in an
+    ///   occlusion of the vena cava
+    /// - `afterloads`: beats of other afterloads, which the internal resistance needs too: loops of filling
+    ///   alone are alike
     #[must_use]
-    pub fn of(beats: &[Beat]) -> Self {
+    pub fn of(fillings: &[Beat], afterloads: &[Beat]) -> Self {
+        let beats = fillings;
         let line = EndSystolicLine::through(beats);
+        let all: Vec<Beat> = fillings.iter().chain(afterloads).cloned().collect();
         let with_line = |f: &dyn Fn(&EndSystolicLine) -> Result<f64, String>| match &line {
             Ok(line) => Outcome::of(f(line), |value| value),
             Err(error) => Outcome::None {
@@ -93,7 +100,7 @@ impl TwinElastance {
         };
         Self {
             internal_resistance_mmhg_s_per_ml: with_line(&|line| {
-                InternalResistance::of(beats, line.intercept_ml)
+                InternalResistance::of(&all, line.intercept_ml)
                     .map(|found| found.resistance_mmhg_s_per_ml)
                     .map_err(|error| error.to_string())
             }),
@@ -155,7 +162,7 @@ mod tests {
             peripheral_mmhg_s_per_ml: 0.9,
             ..heart
         };
-        let twin = TwinElastance::of(&[heart.beat(), less.beat()]);
+        let twin = TwinElastance::of(&[heart.beat(), less.beat()], &[]);
         let json = serde_json::to_value(&twin).unwrap();
         let line = &json["end_systolic_line_mmHg_per_mL"];
         assert!(
@@ -184,7 +191,7 @@ mod tests {
     #[test]
     fn what_is_missing_has_its_reason() {
         let beat = Heart::default().beat();
-        let twin = TwinElastance::of(std::slice::from_ref(&beat));
+        let twin = TwinElastance::of(std::slice::from_ref(&beat), &[]);
         let Outcome::None { reason } = twin.end_systolic_line else {
             panic!("{twin:?}");
         };

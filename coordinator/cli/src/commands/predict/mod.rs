@@ -1,10 +1,11 @@
 //! `cardiotwin predict`: effect of a treatment on a personalised twin.
 
 mod bands;
-mod beat;
+pub mod beat;
 mod change;
 mod curve;
-mod indices;
+pub mod indices;
+pub mod law_file;
 mod predicted;
 mod scenarios;
 
@@ -19,12 +20,12 @@ use cardiotwin_schemas::outcome::OrganBeatResult;
 use cardiotwin_schemas::task::OrganBeatSpec;
 use clap::Args;
 use serde::Serialize;
-use tempfile::TempDir;
 
 use self::bands::Bands;
 use self::beat::simulate;
 use self::change::{Change, Changed};
 use self::indices::{Traces, changes, indices, value_of};
+use self::law_file::LawKnowledgeFile;
 use self::predicted::Predicted;
 use crate::error::CliError;
 use crate::exit::Exit;
@@ -318,33 +319,6 @@ fn predict(
         write(folder, &mut prediction, &own_traces, &after)?;
     }
     Ok(prediction)
-}
-
-/// What is known about the organ's law in a temporary file, for the worker.
-struct LawKnowledgeFile {
-    path: PathBuf,
-    _folder: TempDir,
-}
-
-impl LawKnowledgeFile {
-    /// The law of a finite-element twin; `None` for other twins.
-    fn of(ventricle: &Ventricle) -> Result<Option<Self>, CliError> {
-        let Some(known) = ventricle.law() else {
-            return Ok(None);
-        };
-        let folder = tempfile::tempdir()
-            .map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
-        let path = folder.path().join("law.json");
-        let text = serde_json::to_string(&known).map_err(|error| CliError::Io {
-            what: "cannot write JSON",
-            source: error.into(),
-        })?;
-        std::fs::write(&path, text).map_err(CliError::file("write", &path))?;
-        Ok(Some(Self {
-            path,
-            _folder: folder,
-        }))
-    }
 }
 
 fn side_by_side(
