@@ -66,6 +66,7 @@ _BY_CODE: dict[int, type[Error]] = {
     4: LockedError,
     5: StoreError,
     6: FileError,
+    7: ProblemsError,
     8: UnfinishedError,
     130: InterruptedRun,
 }

@@ -84,7 +84,7 @@ class Run:
     def report(self, out: Folder | None = None) -> Path:
         """Writes the report, one HTML file that needs no network, and returns its path."""
         arguments = ["report", *self.place.options(), *(["--out", out] if out is not None else [])]
-        return Path(call(*arguments).strip())
+        return Path(call(*arguments, accept=(0, 1, 7)).strip())  # 7: a twin is off
 
     def export(self, out: Folder, *options: str) -> list[Path]:
         """Writes tables and traces into a folder and returns the files; ``options`` are those of

@@ -47,11 +47,11 @@ def main():
         )
         patient = json.loads(shown.stdout)
         step0 = patient["step0"]["result"]
-        step3 = patient["step3"] or {}
+        step3 = patient.get("step3") or {}
         beats = {
             "step 1": best(patient["iterations"], patient["step1"]["best_iteration"]),
             "verification": patient["verification"],
-            "step 3": best(patient["step3_iterations"], step3.get("best_iteration")) or patient["verification"],
+            "step 3": best(patient.get("step3_iterations") or [], step3.get("best_iteration")) or patient["verification"],
         }
         personalised = (patient["verdict"] or {}).get("personalised", False)
         for stage, beat in beats.items():
@@ -63,7 +63,7 @@ def main():
             errors = [100 * (simulated[key] / measured[key] - 1) for key in BIOMARKERS.values()]
             traces = [rms(result["samples"][key], step0["samples"][key]) for key in ("pressure_mmHg", "volume_mL")]
             told = all(f"{folder.name}: {printed(error)}" in report for error in errors)
-            n_beats = len(patient["step3_iterations"])
+            n_beats = len(patient.get("step3_iterations") or [])
             out.writerow([folder.name, stage, *errors, *traces, n_beats, int(personalised), int(told)])
 
 
