@@ -66,11 +66,7 @@ fn costs_are_no_higher_than_the_references() {
 #[test]
 fn every_strategy_and_the_portable_lanes_find_02s_stand_in() {
     let case = &stand_ins()[1];
-    for strategy in [
-        Strategy::DifferentialEvolution,
-        Strategy::LShade,
-        Strategy::CmaEs,
-    ] {
+    for strategy in [Strategy::DifferentialEvolution, Strategy::CmaEs] {
         let settings = CellFitSettings {
             strategy,
             identifiability: false,

@@ -199,8 +199,6 @@ pub enum Strategy {
     /// SciPy's best1bin (the paper's choice).
     #[default]
     DifferentialEvolution,
-    /// Differential evolution that adapts its own settings (Tanabe and Fukunaga 2014).
-    LShade,
     /// Covariance matrix adaptation with restarts (Hansen 2016).
     CmaEs,
 }

@@ -1,4 +1,4 @@
-//! Comparison of differential evolution (both kinds of updating), L-SHADE and CMA-ES on four
+//! Comparison of differential evolution (both kinds of updating) and CMA-ES on four
 //! functions of ten parameters. Each has a minimum of one away from the middle of the box. The
 //! output is the number of successes (to 1e-6) and the evaluations over 50 seeds.
 //!
@@ -6,7 +6,6 @@
 
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
 use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Stage, Updating};
-use cardiotwin_calibrate::lshade::{self, LShade};
 use cardiotwin_calibrate::{Interval, statistics::median};
 use std::f64::consts::{E, TAU};
 
@@ -44,17 +43,6 @@ fn ackley(x: &[f64]) -> f64 {
 fn run(strategy: &str, f: Function, bounds: &[Interval], seed: u64) -> (f64, usize) {
     let costs = |points: Vec<Vec<f64>>| points.iter().map(|p| f(p)).collect::<Vec<_>>();
     match strategy {
-        "L-SHADE" => {
-            let settings = lshade::Settings {
-                seed,
-                ..Default::default()
-            };
-            let mut o = LShade::new(bounds, &[], settings).unwrap();
-            while !o.is_ended() {
-                o.tell(&costs(o.ask())).unwrap();
-            }
-            (o.best().1, o.n_evaluations())
-        }
         "CMA-ES" => {
             let mut o = CmaEs::new(
                 bounds,
@@ -103,7 +91,7 @@ fn main() {
     );
     for (name, f, [low, high]) in functions {
         let bounds = [Interval::new(low, high); DIMENSION];
-        for strategy in ["DE deferred", "DE immediate", "L-SHADE", "CMA-ES"] {
+        for strategy in ["DE deferred", "DE immediate", "CMA-ES"] {
             let runs: Vec<(f64, usize)> = (0..N_SEEDS)
                 .map(|seed| run(strategy, f, &bounds, seed))
                 .collect();

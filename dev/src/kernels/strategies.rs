@@ -103,11 +103,7 @@ impl Case {
 pub fn strategies(seeds: u64, mut done: impl FnMut(&Row)) -> Result<Comparison, TaskError> {
     let mut rows = Vec::new();
     for case in cases() {
-        for strategy in [
-            Strategy::DifferentialEvolution,
-            Strategy::LShade,
-            Strategy::CmaEs,
-        ] {
+        for strategy in [Strategy::DifferentialEvolution, Strategy::CmaEs] {
             let row = row(&case, strategy, seeds)?;
             done(&row);
             rows.push(row);

@@ -18,7 +18,6 @@ mod interval;
 pub mod latin_hypercube;
 pub mod lbfgsb;
 pub mod least_squares;
-pub mod lshade;
 pub mod normal;
 pub mod organ_law;
 pub mod polish;

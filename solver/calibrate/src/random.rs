@@ -14,10 +14,6 @@ pub(crate) enum Purpose {
     Dither = 2,
     /// Trials of a generation.
     Trials = 3,
-    /// Trials of a generation of adaptive differential evolution.
-    AdaptiveTrials = 4,
-    /// Removal of members from the archive of adaptive differential evolution.
-    Archive = 5,
     /// Normal deviates of a generation of the evolution strategy.
     Deviates = 6,
     /// Initial means of the runs of the evolution strategy.

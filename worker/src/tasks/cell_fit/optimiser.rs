@@ -1,12 +1,11 @@
 //! Common interface of step 2's strategies.
 
+use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
 use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Ending, Stage};
 use cardiotwin_calibrate::lbfgsb::{self, DifferenceStep};
-use cardiotwin_calibrate::lshade::{self, LShade};
 use cardiotwin_calibrate::polish::{Coordinates, LocalSearch};
 use cardiotwin_calibrate::statistics::mean;
-use cardiotwin_calibrate::{Interval, lshade::Stage as LShadeStage};
 use cardiotwin_schemas::settings::{CellFitSettings, Strategy};
 
 use crate::error::TaskError;
@@ -25,7 +24,7 @@ const POLISH: [(Coordinates, f64); 4] = [
 /// resting calcium compensate each other, the cost falls by 1e-5 from end to end. With 1e-8,
 /// searches stop half-way, each at a different place.
 const POLISH_GAIN: f64 = 1e-10;
-/// Largest number of evaluations for the strategies that plan with a budget.
+/// Largest number of evaluations for CMA-ES, which plans with a budget.
 const BUDGET: usize = 30_000;
 
 /// One of the strategies.
@@ -33,8 +32,6 @@ const BUDGET: usize = 30_000;
 pub enum Optimiser {
     /// Differential evolution, as in the paper.
     Differential(Box<DifferentialEvolution>),
-    /// L-SHADE, a differential evolution that adapts its factors and shrinks its population.
-    LShade(Box<LShade>),
     /// CMA-ES, with the number of generations and the mean cost of the last one.
     CmaEs(Box<CmaEs>, usize, f64),
 }
@@ -96,20 +93,6 @@ impl Optimiser {
                     bounds, guesses, settings,
                 )?))
             }
-            Strategy::LShade => {
-                let (tol, atol) = (settings.tol, settings.atol);
-                let own = lshade::Settings::default();
-                let settings = lshade::Settings {
-                    popsize,
-                    tol,
-                    atol,
-                    max_evaluations: budget,
-                    polish,
-                    seed,
-                    ..own
-                };
-                Self::LShade(Box::new(LShade::new(bounds, guesses, settings)?))
-            }
             Strategy::CmaEs => {
                 let settings = cma_es::Settings {
                     max_evaluations: budget,
@@ -130,7 +113,6 @@ impl Optimiser {
     pub fn ask(&self) -> Vec<Vec<f64>> {
         match self {
             Self::Differential(optimiser) => optimiser.ask(),
-            Self::LShade(optimiser) => optimiser.ask(),
             Self::CmaEs(optimiser, ..) => optimiser.ask(),
         }
     }
@@ -143,12 +125,11 @@ impl Optimiser {
     pub fn tell(&mut self, costs: &[f64]) -> Result<Option<Standing>, TaskError> {
         let was_first = match self {
             Self::Differential(optimiser) => optimiser.stage() == Stage::FirstPopulation,
-            Self::LShade(_) | Self::CmaEs(..) => false,
+            Self::CmaEs(..) => false,
         };
         let before = self.n_generations();
         match self {
             Self::Differential(optimiser) => optimiser.tell(costs)?,
-            Self::LShade(optimiser) => optimiser.tell(costs)?,
             Self::CmaEs(optimiser, generations, last_mean) => {
                 optimiser.tell(costs)?;
                 *generations += 1;
@@ -164,7 +145,6 @@ impl Optimiser {
     pub fn n_generations(&self) -> usize {
         match self {
             Self::Differential(optimiser) => optimiser.n_generations(),
-            Self::LShade(optimiser) => optimiser.n_generations(),
             Self::CmaEs(_, generations, _) => *generations,
         }
     }
@@ -174,7 +154,6 @@ impl Optimiser {
     pub fn n_evaluations(&self) -> usize {
         match self {
             Self::Differential(optimiser) => optimiser.n_evaluations(),
-            Self::LShade(optimiser) => optimiser.n_evaluations(),
             Self::CmaEs(optimiser, ..) => optimiser.n_evaluations(),
         }
     }
@@ -184,7 +163,6 @@ impl Optimiser {
     pub fn best(&self) -> (Vec<f64>, f64) {
         match self {
             Self::Differential(optimiser) => optimiser.best(),
-            Self::LShade(optimiser) => optimiser.best(),
             Self::CmaEs(optimiser, ..) => optimiser.best(),
         }
     }
@@ -196,7 +174,6 @@ impl Optimiser {
             Self::Differential(optimiser) => optimiser
                 .outcome()
                 .is_some_and(|o| o.ending == Ending::Converged),
-            Self::LShade(optimiser) => optimiser.is_converged(),
             Self::CmaEs(optimiser, ..) => optimiser.ending() == Some(cma_es::Ending::Agreement),
         }
     }
@@ -206,9 +183,7 @@ impl Optimiser {
     pub fn phase(&self) -> &'static str {
         match self {
             Self::Differential(optimiser) if optimiser.stage() == Stage::Polish => "polish",
-            Self::LShade(optimiser) if optimiser.stage() == LShadeStage::Polish => "polish",
             Self::Differential(_) => "differential evolution",
-            Self::LShade(_) => "l-shade",
             Self::CmaEs(..) => "cma-es",
         }
     }
@@ -216,7 +191,6 @@ impl Optimiser {
     fn standing(&self) -> Standing {
         let mean = match self {
             Self::Differential(optimiser) => mean(optimiser.members().1),
-            Self::LShade(optimiser) => mean(optimiser.members().1),
             Self::CmaEs(_, _, mean) => *mean,
         };
         let (generation, evaluations) = (self.n_generations(), self.n_evaluations());
