@@ -3,7 +3,7 @@
 //! ```text
 //! changed-loads make FOLDER [--hearts N] [--seed N]      a cohort, and FOLDER/truth.json
 //! cardiotwin run FOLDER --set solver.fidelity=reduced
-//! changed-loads score FOLDER [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes]
+//! changed-loads score FOLDER [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes] [--twins N]
 //! ```
 //!
 //! `make` draws hearts of `tests/validation` in turn: elastances, sarcomeres in a spherical wall, and one
@@ -12,7 +12,7 @@
 //! `cardiotwin predict` for the same changes of each twin, in each circuit, and prints for each change and
 //! index the mean absolute error of the relative change in percentage points, the mean error, and how many
 //! true changes lie in the 90 % bands, which `--bands no` leaves out. Twins that are not personalised
-//! count with `--all yes` only.
+//! count with `--all yes` only. `--twins N` asks for the first N hearts alone.
 //!
 //! The circuit of `cardiotwin predict` was chosen on the default seed, 20261201; seed 20271104 judges it.
 
@@ -61,7 +61,7 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<(), String> {
-    let usage = "usage: changed-loads make|score FOLDER [--hearts N] [--seed N] [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes]";
+    let usage = "usage: changed-loads make|score FOLDER [--hearts N] [--seed N] [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes] [--twins N]";
     let mut all = std::env::args().skip(1);
     let (Some(command), Some(folder)) = (all.next(), all.next()) else {
         return Err(usage.to_owned());
@@ -69,7 +69,7 @@ fn run() -> Result<(), String> {
     let (mut n_hearts, mut seed) = (10, 20_261_201);
     let mut program = PathBuf::from("cardiotwin");
     let mut circuits = "open,closed".to_owned();
-    let (mut bands, mut counts_all) = (true, false);
+    let (mut bands, mut counts_all, mut n_twins) = (true, false, usize::MAX);
     for pair in arguments::pairs(all) {
         let (flag, value) = pair?;
         match flag.as_str() {
@@ -78,6 +78,7 @@ fn run() -> Result<(), String> {
             "--cardiotwin" => program = value.into(),
             "--circuits" => circuits = value,
             "--bands" => bands = value != "no",
+            "--twins" => n_twins = arguments::number(&flag, &value)?,
             "--all" => counts_all = value == "yes",
             _ => return Err(format!("unknown argument {flag}\n{usage}")),
         }
@@ -92,6 +93,7 @@ fn run() -> Result<(), String> {
                 circuits: &circuits,
                 bands,
                 counts_all,
+                n_twins,
             };
             score::score(folder, &asked)
         }

@@ -16,6 +16,8 @@ pub struct Asked<'a> {
     pub bands: bool,
     /// Whether twins that are not personalised count.
     pub counts_all: bool,
+    /// Number of hearts, in the order of their numbers.
+    pub n_twins: usize,
 }
 
 /// Errors of an index after a change over the twins, in percentage points, and bands.
@@ -50,10 +52,23 @@ impl Errors {
 }
 
 /// The answer of `cardiotwin predict` for all scenarios in a circuit.
-fn predictions(of: &Path, asked: &Asked<'_>, circuit: &str) -> Result<Value, String> {
+fn predictions(
+    of: &Path,
+    asked: &Asked<'_>,
+    truth: &Value,
+    circuit: &str,
+) -> Result<Value, String> {
+    let number = |id: &str| id.rsplit('-').next().map(str::to_owned);
+    let hearts = truth["hearts"].as_object();
+    let mut ids: Vec<&String> = hearts.into_iter().flat_map(|all| all.keys()).collect();
+    ids.sort_by_key(|id| number(id));
+    ids.truncate(asked.n_twins);
     let mut scenarios = String::new();
     for (name, set) in CHANGES.iter().filter(|(name, _)| *name != "rate-alone") {
-        let _ = write!(scenarios, "[{name}]\nset = [\"{set}\"]\n");
+        let _ = write!(
+            scenarios,
+            "[{name}]\nset = [\"{set}\"]\npatients = {ids:?}\n"
+        );
     }
     let file = of.join("scenarios.toml");
     folder::put(&file, &scenarios)?;
@@ -79,7 +94,7 @@ pub fn score(of: &Path, asked: &Asked<'_>) -> Result<(), String> {
     let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     let truth: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
     let answers = (circuits.iter())
-        .map(|circuit| predictions(of, asked, circuit))
+        .map(|circuit| predictions(of, asked, &truth, circuit))
         .collect::<Result<Vec<_>, _>>()?;
     let mut heading = format!("{:14} {:22}   true", "change", "index");
     circuits

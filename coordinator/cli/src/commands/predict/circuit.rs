@@ -12,11 +12,12 @@ use super::beat::simulate;
 use super::change::{Change, Changed};
 use super::indices::Traces;
 use crate::error::CliError;
-use crate::ventricle::{AskedFor, CirculationKind, unexpected};
+use crate::ventricle::{AskedFor, unexpected};
 
-/// Share of the body's resistance between veins and right atrium. Guyton's resistance to venous return is
-/// 1.4 mmHg min/L of a body with 20 mmHg min/L, 0.07; arteries have a third of it (Guyton, Lindsey,
-/// Abernathy and Richardson 1957, Am J Physiol 189:609).
+/// Share of the body's resistance between veins and right atrium: ours, of the order of Guyton's
+/// resistance to venous return (1957, Am J Physiol 189:609), 1.4 of some 20 mmHg·min/L, to which arteries
+/// contribute. Behind the 28 % of the loop's source the veins would hold a litre more, and give or take
+/// most of what a change moves.
 const VENOUS_SHARE: f64 = 0.05;
 
 /// A loop whose beat at rest is the twin's own: it holds the blood with which the unchanged twin fills
@@ -156,6 +157,3 @@ impl Both {
         self.before.0.periodic && self.after.0.periodic
     }
 }
-
-/// Circuit in which predictions are made where none is asked for.
-pub const DEFAULT: CirculationKind = CirculationKind::Closed;

@@ -77,14 +77,10 @@ pub struct PredictArgs {
     #[arg(long)]
     in_3d: bool,
     /// Circuit: `open`, an atrium at constant pressure and a Windkessel, or `closed`, a loop with the
-    /// twin's blood volume, in which preload follows the change [default: closed where the twin has a loop]
-    #[arg(
-        long,
-        value_enum,
-        hide_possible_values = true,
-        value_name = "open|closed"
-    )]
-    circulation: Option<CirculationKind>,
+    /// twin's blood volume, in which filling follows the change (law and one-fibre ventricle only)
+    #[arg(long, value_enum, hide_possible_values = true, value_name = "open|closed",
+          default_value_t = CirculationKind::Open)]
+    circulation: CirculationKind,
     /// Skip the uncertainty of the prediction, which simulates the change on draws of the twin's
     /// posterior
     #[arg(long)]
@@ -329,8 +325,9 @@ fn predict(
     Ok(prediction)
 }
 
-/// Simulates both beats in the circuit that is asked for. By default that is the loop; where a twin has
-/// none, or its beat is not found in it, the open circuit, with a remark. `None` stands for the open one.
+/// Simulates both beats in the circuit that is asked for; `None` stands for the open one. A twin that has
+/// no loop, or whose beat is not found in it, is refused. Among the twins of a file of scenarios it is
+/// predicted in the open circuit, with a remark.
 ///
 /// - `twin`: the unchanged beat; `own` and `traces`: its own one in the run
 fn in_circuit(
@@ -345,36 +342,32 @@ fn in_circuit(
         CliError::Usage(problem) => CliError::Usage(format!("{patient}: {problem}")),
         other => other,
     };
-    let is_asked = args.circulation.is_some();
-    let kind = args.circulation.unwrap_or(circuit::DEFAULT);
-    let mut why = None;
-    if kind == CirculationKind::Closed {
-        match TwinsLoop::around(twin, (own, traces), args.in_3d) {
+    let is_one_of_many = args.scenarios.is_some();
+    let mut remarks = Vec::new();
+    if args.circulation == CirculationKind::Closed {
+        let reason = match TwinsLoop::around(twin, (own, traces), args.in_3d) {
             Ok(closed) => match both(twin, changes, Some(&closed), asked, worker) {
-                Ok(both) if is_asked || both.are_periodic() => {
-                    return Ok((Some(closed), both, Vec::new()));
+                Ok(both) if both.are_periodic() || !is_one_of_many => {
+                    return Ok((Some(closed), both, remarks));
                 }
-                Ok(_) => why = Some("no periodic beat was found in the loop".to_owned()),
-                Err(CliError::Simulation { message }) if !is_asked => {
-                    why = Some(format!("in the loop the beat {message}"));
+                Ok(_) => "no periodic beat was found in the loop".to_owned(),
+                Err(CliError::Simulation { message }) if is_one_of_many => {
+                    format!("in the loop the beat {message}")
                 }
                 Err(error) => return Err(named(error)),
             },
-            Err(reason) if is_asked => {
-                return Err(CliError::Usage(format!(
-                    "{patient}: --circulation closed: {reason}"
-                )));
+            Err(reason) if is_one_of_many => reason,
+            Err(reason) => {
+                let refused = format!("{patient}: --circulation closed: {reason}");
+                return Err(CliError::Usage(refused));
             }
-            Err(reason) => why = Some(reason),
-        }
+        };
+        remarks.push(format!(
+            "predicted in the open circuit, in which filling does not follow the change: {reason}"
+        ));
     }
     let both = both(twin, changes, None, asked, worker).map_err(named)?;
-    let said = |reason| {
-        format!(
-            "predicted in the open circuit, in which the filling pressure does not follow the change: {reason}"
-        )
-    };
-    Ok((None, both, why.map(said).into_iter().collect()))
+    Ok((None, both, remarks))
 }
 
 /// What is known about the organ's law in a temporary file, for the worker.
