@@ -47,4 +47,55 @@ pub struct ClosedLoopSpec {
     /// Output of a beat at the start.
     #[serde(rename = "stroke_volume_mL")]
     pub stroke_volume_ml: f64,
+    /// Share of the body's resistance that lies between veins and right atrium; absent for the share of
+    /// the loop's source.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub venous_share: Option<f64>,
+    /// State from which the loop's own values follow; absent where it is that of the beat.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest: Option<LoopRest>,
+    /// What the blood volume follows from; absent where it is the one of the balance at the start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub filling: Option<LoopFilling>,
+}
+
+/// Loads and pacing of the patient at rest, from which a loop's resistances, start and times follow.
+/// A beat with other loads or pacing differs from the beat at rest by that change alone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LoopRest {
+    /// Length of the cardiac cycle.
+    pub cycle_length_ms: f64,
+    /// Filling pressure.
+    #[serde(rename = "left_atrial_pressure_mmHg")]
+    pub left_atrial_pressure_mmhg: f64,
+    /// Resistance between arteries and veins of the body.
+    #[serde(rename = "peripheral_resistance_mmHg_s_per_mL")]
+    pub peripheral_resistance_mmhg_s_per_ml: f64,
+}
+
+/// What the blood volume of a loop follows from. The volume is found with the periodic beat.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "by", rename_all = "kebab-case")]
+#[schemars(deny_unknown_fields)]
+pub enum LoopFilling {
+    /// The blood volume itself: what ventricle and chambers hold, and what vessels hold above their
+    /// volume without pressure.
+    BloodVolume {
+        /// Volume.
+        #[serde(rename = "volume_mL")]
+        volume_ml: f64,
+    },
+    /// The largest volume of the ventricle in the periodic beat.
+    EndDiastolicVolume {
+        /// Volume.
+        #[serde(rename = "volume_mL")]
+        volume_ml: f64,
+    },
+    /// The mean pressure of the left atrium over the periodic beat.
+    LeftAtrialPressure {
+        /// Pressure.
+        #[serde(rename = "mean_mmHg")]
+        mean_mmhg: f64,
+    },
 }

@@ -9,11 +9,12 @@ use crate::external::ExternalOrgan;
 use crate::finite_element::FiniteElementOrgan;
 use crate::input_file::InputFile;
 
-pub use crate::loads::{CirculationSpec, ClosedLoopSpec, EffectSpec};
+pub use crate::loads::{CirculationSpec, ClosedLoopSpec, EffectSpec, LoopFilling, LoopRest};
 pub use crate::one_fibre::{ActivationSpec, OneFibrePassive};
 pub use cardiotwin_vocabulary::cell::{
     CELL_DEFAULTS, CELL_PARAMETERS, RICE_PARAMETERS, cell_default,
 };
+pub use cardiotwin_vocabulary::circulation::OPEN_CIRCUIT_EFFECTS;
 pub use cardiotwin_vocabulary::circulation::WindkesselParameters;
 pub use cardiotwin_vocabulary::step1::{
     Step1Parameters, TanhParameters, VALVE_PARAMETERS, ValveParameters,

@@ -172,8 +172,24 @@ pub struct OrganBeatResult {
     /// Samples from which the organ's law is learned; absent for a reduced ventricle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law: Option<LawSamples>,
+    /// State of the loop that closes the circulation; absent for the open circuit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub closed_loop: Option<LoopState>,
     /// Counters by name, such as time steps, cut steps and Newton iterations.
     pub counters: BTreeMap<String, f64>,
+}
+
+/// State of a closed loop in the last beat.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LoopState {
+    /// Blood volume: what ventricle and chambers hold, and what vessels hold above their volume
+    /// without pressure.
+    #[serde(rename = "blood_volume_mL")]
+    pub blood_volume_ml: f64,
+    /// Mean pressure of the left atrium over the beat.
+    #[serde(rename = "mean_left_atrial_pressure_mmHg")]
+    pub mean_left_atrial_pressure_mmhg: f64,
 }
 
 /// Suffix of the names of checks that a valve opened and closed, for example

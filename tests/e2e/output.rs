@@ -224,6 +224,38 @@ fn a_treatment_of_a_twin_is_predicted_or_refused() {
     ] {
         assert!(cohort.path().join("stent").join(name).exists(), "{name}");
     }
+    for (circuit, words) in [("open", "open circuit"), ("closed", "closed loop")] {
+        let asked = [
+            "01-CoA",
+            "--set",
+            stent,
+            "--no-band",
+            "--circulation",
+            circuit,
+        ];
+        let said = predict(&asked);
+        assert!(
+            said.out.contains(&format!("ventricle, {words}, ")),
+            "{}",
+            said.out
+        );
+        let json = predict(&[&asked[..], &["--json", "--out", circuit]].concat());
+        let json: Value = serde_json::from_str(&json.out).unwrap();
+        assert_eq!(json["predictions"][0]["circulation"], circuit);
+        let plot = cohort.path().join(circuit).join("01-CoA.svg");
+        assert!(std::fs::read_to_string(plot).unwrap().contains(words));
+    }
+    predict(&[
+        "01-CoA",
+        "--set",
+        stent,
+        "--circulation",
+        "closed",
+        "--beats",
+        "2",
+    ])
+    .expect(2)
+    .complains_of(&["--circulation closed", "--beats"]);
     let file = cohort.path().join("scenarios.toml");
     std::fs::write(
         &file,

@@ -368,6 +368,7 @@ fn beat(biomarkers: Biomarkers, time_points: TimePoints) -> OrganBeatResult {
             largest_volume_ratio: 1.38,
         }),
         law: None,
+        closed_loop: None,
         counters: BTreeMap::new(),
     }
 }

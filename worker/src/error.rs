@@ -190,6 +190,9 @@ pub enum TaskError {
     /// Another ventricle than the reduced one was given a closed circulation.
     #[error("a closed circulation surrounds the reduced ventricle only")]
     ClosedLoop,
+    /// The blood volume of a loop follows from the periodic beat, and a number of beats was asked for.
+    #[error("a loop's blood volume is found with the periodic beat, not after a number of beats")]
+    LoopWithoutPeriodicState,
     /// The finite-element ventricle failed.
     #[error(transparent)]
     FiniteElement(#[from] FiniteElementError),
@@ -303,6 +306,7 @@ impl TaskError {
             | Self::NoPlugin { .. }
             | Self::Circulation(_)
             | Self::ClosedLoop
+            | Self::LoopWithoutPeriodicState
             | Self::Effect(_) => FailureClass::Input,
             Self::Cell(error) => match error {
                 CellError::Parameter { .. } | CellError::Contraction(_) | CellError::Calcium(_) => {
@@ -360,6 +364,9 @@ impl TaskError {
                 "set bounds or start values so that the parameter stays inside the model's range",
             ),
             Self::ClosedLoop => Some("use the reduced ventricle, or the open circulation"),
+            Self::LoopWithoutPeriodicState => {
+                Some("ask for periodic beats, or leave the filling of the loop out")
+            }
             Self::FiniteElement(error) => error.remedy(),
             Self::Diverged { .. } | Self::NoMedian { .. } | Self::SimulatedTrace(_) => None,
             Self::NoProposal(_) => Some(

@@ -20,6 +20,8 @@ use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::settings::CalciumSource;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_schemas::verdict::Verdict;
+use clap::ValueEnum;
+use serde::Serialize;
 use tempfile::TempDir;
 
 use super::error::CliError;
@@ -38,6 +40,26 @@ pub enum AskedFor<'a> {
     OneFibre,
     /// The law of the organ from a file with what is known about it.
     Law(&'a Path),
+}
+
+/// Circulation around the ventricle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum CirculationKind {
+    /// An atrium at constant pressure and a Windkessel
+    Open,
+    /// A loop whose blood goes round
+    Closed,
+}
+
+impl CirculationKind {
+    /// The circuit in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Open => "open circuit",
+            Self::Closed => "closed loop",
+        }
+    }
 }
 
 /// A patient after step 0.

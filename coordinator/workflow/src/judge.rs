@@ -347,6 +347,7 @@ mod tests {
                 lambda_min: 0.8,
                 motion: None,
                 law: None,
+                closed_loop: None,
                 counters: Default::default(),
             })),
         }

@@ -3,6 +3,17 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Effects that put a part of their own in the place of one that a closed loop has, and that part of
+/// the open circuit.
+pub const OPEN_CIRCUIT_EFFECTS: [(&str, &str); 3] = [
+    ("atrial_kick", "an atrium at constant pressure"),
+    ("wave_reflection", "a Windkessel that drains"),
+    (
+        "ventricular_septal_defect",
+        "a right ventricle of given pressure",
+    ),
+];
+
 /// Three-element Windkessel: P = R1 Q + Pc, C dPc/dt = Q − Pc/R2.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]

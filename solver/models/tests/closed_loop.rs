@@ -10,7 +10,9 @@ use cardiotwin_models::circulation::{
     Circulation, ClosedLoop, LeftHeart, Resistance, StartPressure, windkessel::WindkesselParameters,
 };
 use cardiotwin_models::effects::{self, Assembled};
-use cardiotwin_models::periodic::{FitSubject, PeriodicSettings, find};
+use cardiotwin_models::periodic::{
+    Filling, FitSubject, PeriodicBeat, PeriodicSettings, blood_volume, find, find_filled,
+};
 use cardiotwin_models::ventricle::Ventricle as _;
 use cardiotwin_units::{Ml, Mmhg, MmhgSPerMl, Ms};
 
@@ -264,4 +266,121 @@ fn effects_with_their_own_parts_are_refused() {
     assert!((whole(&leaking) - before).abs() < 1e-8 * before);
     let leak = leaking.circulation.paths_out_to(LEFT_ATRIUM)[0];
     assert!(leaking.circulation.passed(leak).0 > 1.0);
+}
+
+/// A typical ventricle with another cycle and periphery, in the loop of the body at rest.
+fn changed(cycle: Ms, periphery: f64) -> Assembled {
+    let typical = FitSubject::typical();
+    let at_rest = FitSubject::new(CYCLE, Ml(110.0))
+        .base(&typical)
+        .expect("typical values")
+        .heart;
+    let mut values = typical;
+    values[5] *= periphery;
+    let mut base = FitSubject::new(cycle, Ml(110.0))
+        .base(&values)
+        .expect("typical values");
+    let onset = base.activation.onset;
+    base.closed = Some(ClosedLoop {
+        rest: at_rest,
+        ..ClosedLoop::around(base.heart, onset, Ml(70.0))
+    });
+    effects::assemble(base, &[]).expect("a loop")
+}
+
+fn filled(model: &mut Assembled, cycle: Ms, filling: Filling) -> PeriodicBeat {
+    let settings = PeriodicSettings {
+        limit: 60,
+        ..PeriodicSettings::with_step(cycle, Ms(1.0))
+    };
+    let found = find_filled(model, cycle, &settings, filling).expect("a beat");
+    assert!(found.periodic, "{} after {}", found.change, found.n_beats);
+    model.begin_orbit(&found.orbit);
+    found
+}
+
+#[test]
+fn blood_is_found_that_fills_the_ventricle() {
+    let mut model = changed(CYCLE, 1.0);
+    let plain = find(
+        &mut changed(CYCLE, 1.0),
+        CYCLE,
+        &PeriodicSettings {
+            limit: 60,
+            ..PeriodicSettings::with_step(CYCLE, Ms(1.0))
+        },
+        None,
+    )
+    .expect("a beat");
+    let wanted = 1.1 * range(&plain.heart.volume_ml).1;
+    let found = filled(&mut model, CYCLE, Filling::EndDiastolicVolume(Ml(wanted)));
+    let (_, end_diastolic) = range(&found.heart.volume_ml);
+    assert!(
+        (end_diastolic - wanted).abs() < 1e-5,
+        "{end_diastolic} {wanted}"
+    );
+    let blood = blood_volume(&model).expect("closed");
+    assert!(blood.0 > 10.0 + blood_volume(&changed(CYCLE, 1.0)).expect("closed").0);
+    // The same blood gives the same beat.
+    let again = filled(&mut changed(CYCLE, 1.0), CYCLE, Filling::BloodVolume(blood));
+    let (_, same) = range(&again.heart.volume_ml);
+    assert!((same - wanted).abs() < 1e-3, "{same} {wanted}");
+    // More blood raises the atrial pressure.
+    let mean = |beat: &PeriodicBeat| {
+        let pressures = &beat.atrial_pressure_mmhg;
+        pressures.iter().sum::<f64>() / pressures.len() as f64
+    };
+    let pressure = 1.2 * mean(&found);
+    let mut fuller = changed(CYCLE, 1.0);
+    let beat = filled(
+        &mut fuller,
+        CYCLE,
+        Filling::LeftAtrialPressure(Mmhg(pressure)),
+    );
+    assert!((mean(&beat) - pressure).abs() < 1e-5);
+    assert!(blood_volume(&fuller).expect("closed").0 > blood.0 + 10.0);
+    println!(
+        "{} beats for the volume, {} for the pressure, {} with the blood known",
+        found.n_beats, beat.n_beats, again.n_beats
+    );
+}
+
+#[test]
+fn blood_stays_under_another_resistance_and_rate() {
+    let blood = Ml(BLOOD_ML);
+    let held = |cycle: Ms, periphery: f64| {
+        let mut model = changed(cycle, periphery);
+        let beat = filled(&mut model, cycle, Filling::BloodVolume(blood));
+        let now = blood_volume(&model).expect("closed");
+        assert!((now.0 - blood.0).abs() < 1e-9, "{}", now.0 - blood.0);
+        let (low, high) = range(&beat.heart.volume_ml);
+        (high - low, range(&beat.aortic_pressure_mmhg).1)
+    };
+    let (rest, dilated, fast) = (held(CYCLE, 1.0), held(CYCLE, 0.75), held(Ms(600.0), 1.0));
+    assert!(
+        dilated.0 > 1.02 * rest.0 && dilated.1 < rest.1,
+        "{rest:?} {dilated:?}"
+    );
+    assert!(fast.0 < 0.97 * rest.0, "{rest:?} {fast:?}");
+    // Neither start follows the change of the other: the body's own values are those of rest.
+    let veins = |model: &Assembled| {
+        let circuit = &model.circulation;
+        circuit
+            .pressure(circuit.compartment_idx(SYSTEMIC_VEINS).expect("veins"))
+            .0
+    };
+    let starts = [(CYCLE, 0.75), (Ms(600.0), 1.0)].map(|(c, p)| veins(&changed(c, p)));
+    assert_eq!(starts, [veins(&changed(CYCLE, 1.0)); 2]);
+}
+
+#[test]
+fn an_open_circuit_has_no_blood_volume() {
+    let subject = FitSubject::new(CYCLE, Ml(110.0));
+    let mut open = subject
+        .model(&FitSubject::typical(), &[])
+        .expect("typical values");
+    let settings = PeriodicSettings::with_step(CYCLE, Ms(1.0));
+    assert!(blood_volume(&open).is_none());
+    let filling = Filling::BloodVolume(Ml(BLOOD_ML));
+    assert!(find_filled(&mut open, CYCLE, &settings, filling).is_err());
 }

@@ -35,6 +35,16 @@ impl Twitch {
         twitch
     }
 
+    /// The twitch of a heart whose systole lasts this many times as long: rise and middle of the fall
+    /// move, and the fall keeps its duration.
+    #[must_use]
+    pub fn paced(&self, systole: f64) -> Self {
+        let (begin, duration, exponent) = self.fall;
+        let middle = systole * (begin + 0.5 * duration);
+        let rise = (systole * self.rise.0, self.rise.1);
+        Self::new(rise, (middle - 0.5 * duration, duration, exponent))
+    }
+
     /// Value at a time since onset \[ms\].
     #[must_use]
     pub fn at(&self, t_ms: f64) -> f64 {

@@ -200,6 +200,18 @@ impl Heart {
         }
     }
 
+    /// Paces the heart. Its systole changes by the square root of the cycle, as in hearts that are drawn
+    /// with other rates (Bazett).
+    pub fn pace(&mut self, cycle_ms: usize) {
+        let systole = (cycle_ms as f64 / self.cycle_ms as f64).sqrt();
+        self.cycle_ms = cycle_ms;
+        self.left.twitch = self.left.twitch.paced(systole);
+        if let Some(wall) = &mut self.left.sarcomeres {
+            wall.times_ms.0 *= systole;
+            wall.duration_ms *= systole;
+        }
+    }
+
     fn start(&self) -> State {
         let (p_la, p_art) = self.wanted;
         State {
@@ -319,67 +331,150 @@ impl Heart {
     /// pressures meet their targets.
     #[must_use]
     pub fn beat(&self) -> Option<Beat> {
-        let n = self.cycle_ms * STEPS_PER_MS;
-        let cycle = self.cycle_ms as f64;
-        let dt = 1e-3 / STEPS_PER_MS as f64;
-        let left = self
-            .left
-            .course
-            .table(&self.left.twitch, self.onset_ms, cycle, n);
-        let right = Course::default().table(&self.left.twitch, self.onset_ms + 5.0, cycle, n);
-        let atrial: Vec<f64> = (0..n)
-            .map(|i| {
-                let Some(a) = self.atrial_contraction else {
-                    return 0.0;
-                };
-                let t = i as f64 / STEPS_PER_MS as f64;
-                let from_middle =
-                    (t - self.onset_ms + a.lead_ms + 0.5 * cycle).rem_euclid(cycle) - 0.5 * cycle;
-                (-(from_middle / a.width_ms).powi(2)).exp()
-            })
-            .collect();
-        let wall = self.left.sarcomeres.as_ref();
-        let wall = wall.map(|wall| wall.wall(&self.left.course));
+        self.rest().map(|rest| rest.beat)
+    }
+
+    /// The steady beat of [`Self::beat`] with all that a change of the heart starts from.
+    #[must_use]
+    pub fn rest(&self) -> Option<Rest> {
         let mut state = self.start();
         let mut resistance = self.peripheral_resistance;
+        let timing = Timing::of(self);
         for beat_idx in 0..BEATS {
-            let before = state;
-            let mut beat = Beat::default();
-            for i in 0..n {
-                let p = self.pressures(&state, wall.as_ref(), left[i], right[i], atrial[i]);
-                if i % STEPS_PER_MS == 0 {
-                    beat.pressure.push(p.left);
-                    beat.volume.push(state.left);
-                    beat.aortic_pressure
-                        .push(p.root + self.root_resistance * state.valves[1].flow);
-                    beat.atrial_pressure.push(p.atrium);
-                    beat.aortic_flow.push(state.valves[1].flow);
-                    beat.mitral_flow.push(state.valves[0].flow);
-                    beat.aortic_opening.push(state.valves[1].opening);
-                    beat.mitral_opening.push(state.valves[0].opening);
-                }
-                let since_ms = i as f64 / STEPS_PER_MS as f64 - self.onset_ms;
-                state = self.step(&state, &p, wall.as_ref(), (since_ms, dt), resistance);
-                beat.forward_ml += dt * state.valves[1].flow;
-            }
-            if !state.left.is_finite() || state.left < 5.0 {
-                return None;
-            }
-            beat.drift = drift(&before, &state);
-            let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+            let (after, beat) = self.next(&timing, state, resistance)?;
+            state = after;
             let (atrium, artery) = (mean(&beat.atrial_pressure), mean(&beat.aortic_pressure));
+            let rest = |state| Rest {
+                heart: Self {
+                    peripheral_resistance: resistance,
+                    ..self.clone()
+                },
+                state,
+                beat: beat.clone(),
+            };
             if beat_idx < CONTROLLED {
                 let off = ((self.wanted.0 - atrium) / self.wanted.0)
                     .abs()
                     .max((self.wanted.1 / artery).ln().abs());
                 if beat_idx > 20 && beat.drift < 0.02 && off < 5e-3 {
-                    return Some(beat);
+                    return Some(rest(state));
                 }
                 state.lung_veins += (1.5 * (self.wanted.0 - atrium)).clamp(-20.0, 20.0);
                 resistance *= (self.wanted.1 / artery).powf(0.3).clamp(0.8, 1.25);
             } else if beat.drift < 0.02 {
+                return Some(rest(state));
+            }
+        }
+        None
+    }
+
+    /// One beat from a state: the state after it, and its samples; `None` if the ventricle collapses.
+    fn next(&self, timing: &Timing, begun: State, resistance: f64) -> Option<(State, Beat)> {
+        let n = self.cycle_ms * STEPS_PER_MS;
+        let dt = 1e-3 / STEPS_PER_MS as f64;
+        let wall = self.left.sarcomeres.as_ref();
+        let wall = wall.map(|wall| wall.wall(&self.left.course));
+        let mut state = begun;
+        let mut beat = Beat::default();
+        for i in 0..n {
+            let (left, right, atrial) = (timing.left[i], timing.right[i], timing.atrial[i]);
+            let p = self.pressures(&state, wall.as_ref(), left, right, atrial);
+            if i % STEPS_PER_MS == 0 {
+                beat.pressure.push(p.left);
+                beat.volume.push(state.left);
+                beat.aortic_pressure
+                    .push(p.root + self.root_resistance * state.valves[1].flow);
+                beat.atrial_pressure.push(p.atrium);
+                beat.aortic_flow.push(state.valves[1].flow);
+                beat.mitral_flow.push(state.valves[0].flow);
+                beat.aortic_opening.push(state.valves[1].opening);
+                beat.mitral_opening.push(state.valves[0].opening);
+            }
+            let since_ms = i as f64 / STEPS_PER_MS as f64 - self.onset_ms;
+            state = self.step(&state, &p, wall.as_ref(), (since_ms, dt), resistance);
+            beat.forward_ml += dt * state.valves[1].flow;
+        }
+        if !state.left.is_finite() || state.left < 5.0 {
+            return None;
+        }
+        beat.drift = drift(&begun, &state);
+        Some((state, beat))
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Activations over the steps of a cycle.
+struct Timing {
+    left: Vec<f64>,
+    right: Vec<f64>,
+    atrial: Vec<f64>,
+}
+
+impl Timing {
+    fn of(heart: &Heart) -> Self {
+        let n = heart.cycle_ms * STEPS_PER_MS;
+        let cycle = heart.cycle_ms as f64;
+        let (left, onset) = (&heart.left, heart.onset_ms);
+        let atrial = |i: usize| {
+            let Some(a) = heart.atrial_contraction else {
+                return 0.0;
+            };
+            let t = i as f64 / STEPS_PER_MS as f64;
+            let from_middle = (t - onset + a.lead_ms + 0.5 * cycle).rem_euclid(cycle) - 0.5 * cycle;
+            (-(from_middle / a.width_ms).powi(2)).exp()
+        };
+        Self {
+            left: left.course.table(&left.twitch, onset, cycle, n),
+            right: Course::default().table(&left.twitch, onset + 5.0, cycle, n),
+            atrial: (0..n).map(atrial).collect(),
+        }
+    }
+}
+
+/// A steady heart, from which changes of the heart start.
+#[derive(Debug, Clone)]
+pub struct Rest {
+    /// The heart with the peripheral resistance that was found.
+    pub heart: Heart,
+    /// Its steady beat.
+    pub beat: Beat,
+    state: State,
+}
+
+impl Rest {
+    /// The steady beat after a change of the heart with the same blood: nothing is adjusted. `None` if
+    /// the loop does not settle.
+    #[must_use]
+    pub fn changed(&self, change: impl FnOnce(&mut Heart)) -> Option<Beat> {
+        let mut heart = self.heart.clone();
+        change(&mut heart);
+        self.settled(&heart, |_| 0.0)
+    }
+
+    /// The steady beat with so much blood that the mean atrial pressure is this many times that of rest.
+    #[must_use]
+    pub fn filled(&self, share: f64) -> Option<Beat> {
+        let wanted = share * mean(&self.beat.atrial_pressure);
+        self.settled(&self.heart, |beat| wanted - mean(&beat.atrial_pressure))
+    }
+
+    /// - `missing`: what a beat's mean atrial pressure lacks \[mmHg\]
+    fn settled(&self, heart: &Heart, missing: impl Fn(&Beat) -> f64) -> Option<Beat> {
+        /// Largest change of a state over a steady beat, and of the atrial pressure from its target.
+        const STEADY: f64 = 1e-3;
+        let timing = Timing::of(heart);
+        let mut state = self.state;
+        for _ in 0..4 * BEATS {
+            let (after, beat) = heart.next(&timing, state, heart.peripheral_resistance)?;
+            state = after;
+            let missing_mmhg = missing(&beat);
+            if beat.drift < STEADY && missing_mmhg.abs() < STEADY {
                 return Some(beat);
             }
+            state.lung_veins += (1.5 * missing_mmhg).clamp(-20.0, 20.0);
         }
         None
     }
@@ -408,4 +503,71 @@ fn drift(a: &State, b: &State) -> f64 {
         .zip(&b.valves)
         .map(|(x, y)| 0.01 * (x.flow - y.flow).abs());
     by_volume.chain(by_flow).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patient::Hearts;
+    use crate::random::Random;
+
+    fn blood(state: &State) -> f64 {
+        [
+            state.left,
+            state.right,
+            state.atrium,
+            state.root,
+            state.arteries,
+            state.veins,
+            state.lung_arteries,
+            state.lung_veins,
+        ]
+        .iter()
+        .sum()
+    }
+
+    fn stroke(beat: &Beat) -> f64 {
+        let (low, high) = beat
+            .volume
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), v| (v.min(l), v.max(h)));
+        high - low
+    }
+
+    #[test]
+    fn a_change_keeps_the_blood_and_preload_follows_it() {
+        for hearts in [Hearts::Elastance, Hearts::Sarcomeres] {
+            let rest = hearts.draw(&mut Random::new(3, 0)).rest().expect("steady");
+            let (timing, begun) = (Timing::of(&rest.heart), rest.state);
+            let (after, _) = rest
+                .heart
+                .next(&timing, begun, rest.heart.peripheral_resistance)
+                .expect("a beat");
+            assert!((blood(&after) - blood(&begun)).abs() < 1e-8);
+            let same = rest.changed(|_| {}).expect("steady");
+            assert!((stroke(&same) / stroke(&rest.beat) - 1.0).abs() < 0.01);
+            let dilated = rest.changed(|heart| heart.peripheral_resistance *= 0.75);
+            let dilated = dilated.expect("steady");
+            assert!(stroke(&dilated) > 1.05 * stroke(&same));
+            assert!(mean(&dilated.atrial_pressure) > mean(&same.atrial_pressure));
+            let filled = rest.filled(1.2).expect("steady");
+            let share = mean(&filled.atrial_pressure) / mean(&rest.beat.atrial_pressure);
+            assert!((share - 1.2).abs() < 1e-3 && stroke(&filled) > stroke(&same));
+        }
+    }
+
+    #[test]
+    fn a_faster_heart_has_a_shorter_systole() {
+        let mut heart = Hearts::Sarcomeres.draw(&mut Random::new(3, 0));
+        heart.pace(900);
+        let slow = heart.clone();
+        heart.pace(625);
+        let share = (625.0f64 / 900.0).sqrt();
+        let half = |heart: &Heart| heart.left.twitch.half_fall_ms();
+        assert!((half(&heart) / half(&slow) - share).abs() < 1e-9);
+        let wall = |heart: &Heart| heart.left.sarcomeres.expect("a wall").duration_ms;
+        assert!((wall(&heart) / wall(&slow) - share).abs() < 1e-9);
+        heart.pace(900);
+        assert!((half(&heart) / half(&slow) - 1.0).abs() < 1e-9);
+    }
 }

@@ -20,7 +20,7 @@ use crate::exit::Exit;
 use crate::place::OfCohort;
 use crate::table::{Columns, optional, percent};
 use crate::talk::{Talk, Tone, count};
-use crate::ventricle::{AskedFor, Ventricle, ask_worker, describe, unexpected};
+use crate::ventricle::{AskedFor, CirculationKind, Ventricle, ask_worker, describe, unexpected};
 use crate::vtu::announcement;
 
 /// Most beats of a periodic simulation, and the tolerance (mmHg and mL) at which a beat counts as
@@ -85,15 +85,6 @@ pub struct SimulateArgs {
     of: OfCohort,
 }
 
-/// Circulation around the ventricle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum CirculationKind {
-    /// An atrium at constant pressure and a Windkessel
-    Open,
-    /// A loop whose blood goes round
-    Closed,
-}
-
 /// Stroke volume over end-diastolic volume at the start of a loop, if no stroke volume is measured.
 const EJECTION_FRACTION: f64 = 0.6;
 
@@ -105,7 +96,12 @@ fn close(spec: &mut OrganBeatSpec, passive: &PassiveStateResult) -> Result<(), C
     };
     let measured = passive.measured.sv_ml;
     let stroke_volume_ml = measured.unwrap_or(EJECTION_FRACTION * law.end_diastolic_volume_ml);
-    spec.circulation.closed = Some(ClosedLoopSpec { stroke_volume_ml });
+    spec.circulation.closed = Some(ClosedLoopSpec {
+        stroke_volume_ml,
+        venous_share: None,
+        rest: None,
+        filling: None,
+    });
     Ok(())
 }
 

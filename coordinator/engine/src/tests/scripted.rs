@@ -199,6 +199,7 @@ fn beat(biomarkers: Biomarkers, opened: bool) -> TaskResult {
         lambda_min: 0.82,
         motion: None,
         law: None,
+        closed_loop: None,
         counters: Default::default(),
     })
 }

@@ -17,6 +17,7 @@
 #[allow(dead_code)]
 mod arguments;
 mod folder;
+mod labels;
 #[path = "../../../../solver/discover/tests/support/load.rs"]
 #[allow(dead_code)]
 mod load;
@@ -127,7 +128,7 @@ fn run() -> Result<(), String> {
             cases.into_iter().map(|c| (c, plan.is_off_catalogue()))
         })
         .collect();
-    let labels = Mutex::new(folder::Labels::open(
+    let labels = Mutex::new(labels::Labels::open(
         &arguments.folder,
         arguments.source.name(),
         arguments.seed,

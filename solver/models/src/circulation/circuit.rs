@@ -585,6 +585,11 @@ impl Circulation {
         volumes.sum::<Option<f64>>().map(Ml)
     }
 
+    /// Index in [`Self::beat_state`] of the first state of the compartment with this name.
+    pub(crate) fn first_state_of(&self, name: &str) -> Option<usize> {
+        self.compartment_idx(name).map(|idx| self.first_state[idx])
+    }
+
     /// Copy of all committed states.
     #[must_use]
     pub fn snapshot(&self) -> CirculationState {

@@ -52,6 +52,7 @@ pub struct TableChamber {
 }
 
 impl TableChamber {
+    /// - `cycle_length`: the cycle of which the times are shares
     fn law(&self, cycle_length: Ms, onset: Ms) -> Elastance {
         let time = |share: f64| Ms(share * cycle_length.0);
         Elastance {
@@ -101,6 +102,15 @@ pub struct LoopTable {
 }
 
 impl LoopTable {
+    /// The table with another share of the body's resistance between veins and right atrium.
+    #[must_use]
+    pub fn with_venous_share(mut self, share: f64) -> Self {
+        let whole = self.systemic_arteries.resistance + self.systemic_veins.resistance;
+        self.systemic_arteries.resistance = (1.0 - share) * whole;
+        self.systemic_veins.resistance = share * whole;
+        self
+    }
+
     /// The parameters of the public program cardioemulator (`example/data/params_bsln.json`), by the
     /// authors of Regazzoni et al. 2022: an adult at 75 beats a minute. Atria begin to contract a fifth
     /// of the cycle before the ventricles.
@@ -157,9 +167,13 @@ impl LoopTable {
 /// A closed circulation around a left ventricle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClosedLoop {
-    /// Left heart: its valves and Windkessel stay, its filling pressure is that of the atrium at the
-    /// start.
+    /// Left heart, whose valves and Windkessel stay.
     pub left: LeftHeart,
+    /// The left heart at rest: the balance at the start, resistances of the body and times of the
+    /// chambers follow from its cycle, filling pressure and peripheral resistance, so that a left heart
+    /// with other loads or pacing is in the same body. What `left` has of another peripheral resistance
+    /// lies between arteries and veins.
+    pub rest: LeftHeart,
     /// Time at which the ventricles begin to contract.
     pub onset: Ms,
     /// Output of a beat at the start, with which the pressures of the start are in balance.
@@ -188,6 +202,7 @@ impl ClosedLoop {
     pub fn around(left: LeftHeart, onset: Ms, stroke_volume: Ml) -> Self {
         Self {
             left,
+            rest: left,
             onset,
             stroke_volume,
             extra: Ml(0.0),
@@ -197,8 +212,8 @@ impl ClosedLoop {
 
     fn balance(&self) -> Balance {
         let t = &self.table;
-        let flow = self.stroke_volume.0 * 1e3 / self.left.cycle_length.0;
-        let left_atrium = self.left.left_atrial_pressure.0;
+        let flow = self.stroke_volume.0 * 1e3 / self.rest.cycle_length.0;
+        let left_atrium = self.rest.left_atrial_pressure.0;
         let pulmonary_veins = left_atrium + t.pulmonary_veins.resistance * flow;
         let pulmonary_arteries = pulmonary_veins + t.pulmonary_arteries.resistance * flow;
         // The right ventricle empties until its largest elastance holds the arteries' pressure, and
@@ -209,10 +224,11 @@ impl ClosedLoop {
         let right_atrium = right.passive_mmhg_per_ml * filled + t.forward * flow;
         // The patient's Windkessel drains to no pressure: the same mean flow, now against the right
         // atrium.
-        let peripheral = self.left.windkessel.peripheral_resistance_mmhg_s_per_ml;
+        let peripheral = self.rest.windkessel.peripheral_resistance_mmhg_s_per_ml;
         let total = (peripheral - right_atrium / flow).max(0.5 * peripheral);
         let (arteries, veins) = (t.systemic_arteries.resistance, t.systemic_veins.resistance);
         let of_veins = total * veins / (arteries + veins);
+        let change = self.left.windkessel.peripheral_resistance_mmhg_s_per_ml - peripheral;
         Balance {
             left_atrium,
             pulmonary_veins,
@@ -220,8 +236,23 @@ impl ClosedLoop {
             right_atrium,
             systemic_veins: right_atrium + of_veins * flow,
             right_ventricle_ml: right.unloaded_ml + filled,
-            systemic: (total - of_veins, of_veins),
+            systemic: (total - of_veins + change, of_veins),
         }
+    }
+
+    /// The cycle of which the chambers' times are shares: with another rate than at rest a contraction
+    /// shortens by the square root of the cycle (Bazett 1920, Heart 7:353), and never fills all of it.
+    fn cycle_of_times(&self) -> Ms {
+        const LONGEST: f64 = 0.9;
+        let (rest, now) = (self.rest.cycle_length.0, self.left.cycle_length.0);
+        let share = |chamber: &TableChamber| chamber.contraction + chamber.relaxation;
+        let t = &self.table;
+        let longest = [t.left_atrium, t.right_atrium, t.right_ventricle]
+            .iter()
+            .map(share)
+            .fold(0.0, f64::max);
+        let limit = (LONGEST / longest).max(1.0) * now;
+        Ms((rest * (now / rest).sqrt()).min(limit))
     }
 
     /// Assembles the circulation, filled so that pressures are in balance with the output at the
@@ -233,10 +264,15 @@ impl ClosedLoop {
         let (t, left) = (&self.table, &self.left);
         positive("closed loop", "stroke volume", self.stroke_volume.0)?;
         positive("closed loop", "cycle length", left.cycle_length.0)?;
-        let at = self.balance();
+        positive(
+            "closed loop",
+            "cycle length at rest",
+            self.rest.cycle_length.0,
+        )?;
+        let (at, times) = (self.balance(), self.cycle_of_times());
         let mut circuit = Circulation::new();
         let chamber = |name, chamber: &TableChamber, pressure: f64| {
-            let law = chamber.law(left.cycle_length, self.onset);
+            let law = chamber.law(times, self.onset);
             let start = law.unloaded.0 + pressure / law.at(0.0, left.cycle_length);
             ElastanceChamber::new(name, law, left.cycle_length, Ml(start)).map(Box::new)
         };
@@ -277,7 +313,7 @@ impl ClosedLoop {
         let veins = circuit.add_compartment(Box::new(veins));
         let right_atrium = chamber(RIGHT_ATRIUM, &t.right_atrium, at.right_atrium)?;
         let right_atrium = circuit.add_compartment(right_atrium);
-        let law = t.right_ventricle.law(left.cycle_length, self.onset);
+        let law = t.right_ventricle.law(times, self.onset);
         let start = Ml(at.right_ventricle_ml);
         let right = ElastanceChamber::new(RIGHT_VENTRICLE, law, left.cycle_length, start)?;
         let right = circuit.add_compartment(Box::new(right));

@@ -8,6 +8,7 @@ use crate::ventricle::{
     ActivationGroups, ActivationSpread, GroupContraction, OneFibreParameters, OneFibrePassive,
     OneFibreVentricle, OrganLaw,
 };
+use cardiotwin_vocabulary::circulation::OPEN_CIRCUIT_EFFECTS;
 use std::sync::Arc;
 
 /// A base model: a one-fibre ventricle and a circulation, with exact measurement.
@@ -40,16 +41,6 @@ pub struct Assembled {
     /// Artefacts between the heart and the data.
     pub measurement: Measurement,
 }
-
-/// Effects that put a part of their own in the place of one that a closed loop has, and that part.
-const OPEN_ONLY: [(&str, &str); 3] = [
-    ("atrial_kick", "an atrium at constant pressure"),
-    ("wave_reflection", "a Windkessel that drains"),
-    (
-        "ventricular_septal_defect",
-        "a right ventricle of given pressure",
-    ),
-];
 
 /// Measurement with these artefacts between heart and data.
 ///
@@ -117,7 +108,7 @@ pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled,
     let mut circulation = match &base.closed {
         None => base.heart.build()?,
         Some(closed) => {
-            for (effect, part) in OPEN_ONLY {
+            for (effect, part) in OPEN_CIRCUIT_EFFECTS {
                 if effects
                     .iter()
                     .any(|e| e.effect.name == effect && !e.is_off())

@@ -8,14 +8,17 @@
 
 mod acceleration;
 pub mod base;
+mod filling;
 
 pub use base::{BASE_PARAMETERS, BaseParameter, FitSubject};
+pub use filling::{Filling, blood_volume};
 
 use crate::circulation::left_heart::{AORTA, AORTIC_VALVE, LEFT_ATRIUM, MITRAL_VALVE};
 use crate::effects::{Assembled, PeriodicTraces};
 use crate::ventricle::{Ventricle, VentricleError};
 use acceleration::Acceleration;
 use cardiotwin_units::Ms;
+use filling::Control;
 
 /// Settings of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,6 +98,47 @@ pub fn find(
     settings: &PeriodicSettings,
     near: Option<&Orbit>,
 ) -> Result<PeriodicBeat, VentricleError> {
+    search(model, cycle_length, settings, near, None)
+}
+
+/// Finds the periodic beat of a closed loop together with its blood volume. The model is then at the
+/// beginning of a beat.
+///
+/// # Errors
+/// [`VentricleError`] when a step has no solution, or [`VentricleError::Parameter`] for an open
+/// circuit, which has no blood volume.
+pub fn find_filled(
+    model: &mut Assembled,
+    cycle_length: Ms,
+    settings: &PeriodicSettings,
+    filling: Filling,
+) -> Result<PeriodicBeat, VentricleError> {
+    let n_ventricle = model.ventricle.beat_state().count();
+    let control = Control::new(filling, model, n_ventricle).ok_or(VentricleError::Parameter {
+        name: "compartments of a closed loop",
+        value: 0.0,
+        expected: "there, for a blood volume",
+    })?;
+    search(model, cycle_length, settings, None, Some(control))
+}
+
+impl Assembled {
+    /// Begins a beat at time zero from the state of an orbit of this model. Steps are solved as in any
+    /// beat.
+    pub fn begin_orbit(&mut self, orbit: &Orbit) {
+        let n_ventricle = self.ventricle.beat_state().count();
+        self.ventricle.begin_beat(&orbit.state[..n_ventricle]);
+        self.circulation.begin_beat(&orbit.state[n_ventricle..]);
+    }
+}
+
+fn search(
+    model: &mut Assembled,
+    cycle_length: Ms,
+    settings: &PeriodicSettings,
+    near: Option<&Orbit>,
+    control: Option<Control>,
+) -> Result<PeriodicBeat, VentricleError> {
     let n_ventricle = model.ventricle.beat_state().count();
     let mut x: Vec<f64> = model
         .ventricle
@@ -120,6 +164,9 @@ pub fn find(
         n_beats += 1;
         model.ventricle.begin_beat(&x[..n_ventricle]);
         model.circulation.begin_beat(&x[n_ventricle..]);
+        if let Some(control) = &control {
+            control.keep(model, &mut x, n_ventricle);
+        }
         beat.run(model)?;
         let end = model
             .ventricle
@@ -129,6 +176,14 @@ pub fn find(
         for ((r, end), begin) in residual.iter_mut().zip(end).zip(&x) {
             *r = end - begin;
             change = change.max(r.abs());
+        }
+        let missing = control.as_ref().map(|control| {
+            let (volume, atrium) = (&beat.heart.volume_ml, &beat.atrial_pressure_mmhg);
+            (control.veins, control.missing(volume, atrium))
+        });
+        if let Some((veins, missing)) = missing {
+            residual[veins] += missing.blood_ml;
+            change = change.max(missing.of_target.abs());
         }
         let periodic = change <= settings.tolerance;
         if periodic || n_beats >= settings.limit.max(1) {
@@ -151,6 +206,9 @@ pub fn find(
                 .beat_state()
                 .chain(model.circulation.beat_state());
             x.iter_mut().zip(end).for_each(|(x, end)| *x = end);
+            if let Some((veins, missing)) = missing {
+                x[veins] += missing.blood_ml;
+            }
             acceleration = Acceleration::default();
         }
     }

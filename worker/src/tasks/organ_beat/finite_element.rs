@@ -346,6 +346,7 @@ pub(super) fn run(
             lambda_min,
             motion: motion.as_ref(),
             law: law.as_ref(),
+            closed: None,
         },
         context,
     )

@@ -3,6 +3,7 @@
 //! Artefacts: `traces.csv` (pressures, volume, flows) and `nodal.csv` (see [`crate::nodal`]). A
 //! simulation that diverges leaves its traces up to that time.
 
+mod circuit;
 mod external;
 mod finite_element;
 mod late_sector;
@@ -12,13 +13,12 @@ mod result;
 
 use std::collections::BTreeMap;
 
-use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_beats};
-use cardiotwin_models::effects::Assembled;
+use cardiotwin_models::beat::{BeatOutcome, BeatTraces};
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult};
 use cardiotwin_schemas::task::OrganBeatSpec;
 
-use self::models::settings;
+use self::circuit::{InCircuit, beats_of};
 use self::result::{Seen, ending, organ_beat_result};
 use crate::context::Context;
 use crate::error::TaskError;
@@ -75,16 +75,15 @@ pub fn run_reduced(
     organ: &ReducedOrgan,
     context: &mut Context,
 ) -> Result<Ending, TaskError> {
-    let Assembled {
-        mut ventricle,
-        mut circulation,
-        ..
-    } = reduced(spec, organ)?;
     context.progress.report("simulating", 0.0, None, || {
         format!("{} ms cycle", spec.cycle_length_ms)
     });
-    let outcome = run_beats(&mut ventricle, &mut circulation, &settings(spec));
-    ending(spec, outcome, BTreeMap::new(), Seen::default(), context)
+    let InCircuit { outcome, closed } = beats_of(spec, organ, true)?;
+    let seen = Seen {
+        closed,
+        ..Seen::default()
+    };
+    ending(spec, outcome, BTreeMap::new(), seen, context)
 }
 
 /// A beat of the reduced ventricle without artefacts, for searches that need many beats; `None`
@@ -96,11 +95,13 @@ pub fn reduced_beat(
     spec: &OrganBeatSpec,
     organ: &ReducedOrgan,
 ) -> Result<Option<OrganBeatResult>, TaskError> {
-    let outcome = outcome_of(spec, organ, false)?;
+    let InCircuit { outcome, closed } = beats_of(spec, organ, false)?;
+    let seen = Seen {
+        closed,
+        ..Seen::default()
+    };
     match outcome {
-        BeatOutcome::Finished(result) => {
-            organ_beat_result(spec, &result, Seen::default()).map(Some)
-        }
+        BeatOutcome::Finished(result) => organ_beat_result(spec, &result, seen).map(Some),
         BeatOutcome::Diverged { .. } => Ok(None),
     }
 }
@@ -113,9 +114,14 @@ pub fn reduced_beat_with_traces(
     spec: &OrganBeatSpec,
     organ: &ReducedOrgan,
 ) -> Result<(OrganBeatResult, BeatTraces), TaskError> {
-    match outcome_of(spec, organ, true)? {
+    let InCircuit { outcome, closed } = beats_of(spec, organ, true)?;
+    let seen = Seen {
+        closed,
+        ..Seen::default()
+    };
+    match outcome {
         BeatOutcome::Finished(result) => {
-            let read = organ_beat_result(spec, &result, Seen::default())?;
+            let read = organ_beat_result(spec, &result, seen)?;
             Ok((read, result.traces))
         }
         BeatOutcome::Diverged { t, reason, .. } => Err(TaskError::Diverged {
@@ -123,21 +129,4 @@ pub fn reduced_beat_with_traces(
             source: reason,
         }),
     }
-}
-
-fn outcome_of(
-    spec: &OrganBeatSpec,
-    organ: &ReducedOrgan,
-    record_nodes: bool,
-) -> Result<BeatOutcome, TaskError> {
-    let Assembled {
-        mut ventricle,
-        mut circulation,
-        ..
-    } = reduced(spec, organ)?;
-    let settings = BeatSettings {
-        record_nodes,
-        ..settings(spec)
-    };
-    Ok(run_beats(&mut ventricle, &mut circulation, &settings))
 }

@@ -127,11 +127,20 @@ pub(super) fn heart(spec: &OrganBeatSpec) -> LeftHeart {
 /// The loop that closes the circulation behind the reduced ventricle, if the specification has one.
 fn closed_loop(spec: &OrganBeatSpec, onset_ms: f64) -> Option<ClosedLoop> {
     let closed = spec.circulation.closed.as_ref()?;
-    Some(ClosedLoop::around(
-        heart(spec),
-        Ms(onset_ms),
-        Ml(closed.stroke_volume_ml),
-    ))
+    let left = heart(spec);
+    let stroke_volume = Ml(closed.stroke_volume_ml);
+    let mut around = ClosedLoop::around(left, Ms(onset_ms), stroke_volume);
+    if let Some(share) = closed.venous_share {
+        around.table = around.table.with_venous_share(share);
+    }
+    let Some(at) = closed.rest else {
+        return Some(around);
+    };
+    let mut rest = left;
+    rest.cycle_length = Ms(at.cycle_length_ms);
+    rest.left_atrial_pressure = Mmhg(at.left_atrial_pressure_mmhg);
+    rest.windkessel.peripheral_resistance_mmhg_s_per_ml = at.peripheral_resistance_mmhg_s_per_ml;
+    Some(ClosedLoop { rest, ..around })
 }
 
 /// Catalogue entries of the accepted effects. Effects of the measurement are rejected, because a

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use cardiotwin_models::beat::{BeatCheck, BeatOutcome, BeatResult, BeatTraces};
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ_law::LawSamples;
-use cardiotwin_schemas::outcome::{Check, Ending, OrganBeatResult, TaskResult};
+use cardiotwin_schemas::outcome::{Check, Ending, LoopState, OrganBeatResult, TaskResult};
 use cardiotwin_schemas::samples::{BeatSamples, N_SAMPLES};
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
@@ -31,6 +31,8 @@ pub(super) struct Seen<'a> {
     pub(super) motion: Option<&'a Motion>,
     /// Samples from which the organ's law is learned.
     pub(super) law: Option<&'a LawSamples>,
+    /// State of a closed loop.
+    pub(super) closed: Option<LoopState>,
 }
 
 /// Writes the artefacts of a simulation and makes its result. `counters` are added to those of its
@@ -123,6 +125,7 @@ pub(super) fn organ_beat_result(
             .motion
             .and_then(|motion| motion.measures(&read.time_points, traces)),
         law: seen.law.cloned(),
+        closed_loop: seen.closed,
         lambda_min: seen
             .lambda_min
             .unwrap_or_else(|| lambda.copied().fold(f64::INFINITY, f64::min)),

@@ -9,8 +9,8 @@ use cardiotwin_calibrate::statistics::quantile_of;
 use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::task::OrganBeatSpec;
 
-use super::beat::simulate;
 use super::change::Change;
+use super::circuit::{Both, Simulated, TwinsLoop, both};
 use super::indices::{Traces, changes, indices};
 use crate::error::CliError;
 use crate::ventricle::AskedFor;
@@ -61,46 +61,40 @@ const FEWEST: usize = 20;
 /// changed, both to the periodic state. The law's own error is added to its changes. Draws with a beat that fails are left out; fewer than
 /// `FEWEST` successful draws give no bands.
 ///
-/// - `twin`: the unchanged beat, and `own` the twin's indices; `asked`: the ventricle in which the draws
-///   are simulated
+/// - `twin`: the unchanged beat, and `own` the twin's indices; `closed`: the loop around it, `None` in the
+///   open circuit; `asked`: the ventricle in which the draws are simulated
 ///
 /// # Errors
 /// [`CliError::Worker`] if the worker cannot be run.
 pub fn of(
     posterior: &PosteriorResult,
-    twin: &OrganBeatSpec,
-    own: &[(&'static str, f64)],
+    (twin, own): (&OrganBeatSpec, &[(&'static str, f64)]),
     made: &[Change],
+    closed: Option<&TwinsLoop>,
     asked: AskedFor<'_>,
     worker: &Path,
 ) -> Result<Bands, CliError> {
     let n_threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    let simulated = |beat: &OrganBeatSpec| -> Result<Option<Indices>, CliError> {
-        match simulate(beat, asked, worker) {
-            Ok((result, traces)) => Ok(result.failed_check().is_none().then(|| {
-                indices(
-                    &result.biomarkers,
-                    &Traces::of(&traces),
-                    beat.cycle_length_ms,
-                )
-            })),
-            Err(CliError::Simulation { .. }) => Ok(None),
-            Err(error) => Err(error),
-        }
+    let whole = |both: &Both| {
+        let checks = [&both.before, &both.after].map(|(result, _)| result.failed_check());
+        checks == [None; 2] && (closed.is_none() || both.are_periodic())
+    };
+    let read = |(result, traces): &Simulated, cycle_length_ms: f64| {
+        indices(&result.biomarkers, &Traces::of(traces), cycle_length_ms)
     };
     // A thread simulates every n-th draw.
     let some = |first: usize| -> Result<Vec<Indices>, CliError> {
         let found = (first..posterior.draws.len()).step_by(n_threads).map(|at| {
-            let before = twin.with_parameters(&posterior.draw(at));
-            let mut after = before.clone();
+            let draw = twin.with_parameters(&posterior.draw(at));
             // A change that is valid for the twin is valid for its draws, because their values have
             // the same signs.
-            if made.iter().any(|change| change.make(&mut after).is_err()) {
-                return Ok(None);
-            }
-            let (Some(before), Some(after)) = (simulated(&before)?, simulated(&after)?) else {
-                return Ok(None);
+            let both = match both(&draw, made, closed, asked, worker) {
+                Ok(both) if whole(&both) => both,
+                Ok(_) | Err(CliError::Simulation { .. } | CliError::Usage(_)) => return Ok(None),
+                Err(error) => return Err(error),
             };
+            let before = read(&both.before, draw.cycle_length_ms);
+            let after = read(&both.after, both.cycle_length_after_ms);
             let mut changes = changes(own, &before, &after);
             if let AskedFor::Law(_) = asked {
                 add_error_of_law(&mut changes, at);

@@ -3,6 +3,7 @@
 mod bands;
 pub mod beat;
 mod change;
+mod circuit;
 mod curve;
 pub mod indices;
 pub mod law_file;
@@ -22,8 +23,8 @@ use clap::Args;
 use serde::Serialize;
 
 use self::bands::Bands;
-use self::beat::simulate;
 use self::change::{Change, Changed};
+use self::circuit::{Both, TwinsLoop, both};
 use self::indices::{Traces, changes, indices, value_of};
 use self::law_file::LawKnowledgeFile;
 use self::predicted::Predicted;
@@ -33,7 +34,7 @@ use crate::open::open as open_in_viewer;
 use crate::place::{Folders, OfCohort};
 use crate::table::{Columns, optional, percent};
 use crate::talk::Talk;
-use crate::ventricle::{AskedFor, Ventricle};
+use crate::ventricle::{AskedFor, CirculationKind, Ventricle};
 
 /// Most beats to the periodic state of a reduced ventricle, and the tolerance (mmHg and mL) at
 /// which a beat counts as periodic.
@@ -76,6 +77,11 @@ pub struct PredictArgs {
     /// beats
     #[arg(long)]
     in_3d: bool,
+    /// Circuit: `open`, an atrium at constant pressure and a Windkessel, or `closed`, a loop with the
+    /// twin's blood volume, in which filling follows the change (law and one-fibre ventricle only)
+    #[arg(long, value_enum, hide_possible_values = true, value_name = "open|closed",
+          default_value_t = CirculationKind::Open)]
+    circulation: CirculationKind,
     /// Skip the uncertainty of the prediction, which simulates the change on draws of the twin's
     /// posterior
     #[arg(long)]
@@ -107,6 +113,7 @@ struct Prediction {
     changes: Vec<Changed>,
     /// `organ's law`, `one-fibre`, `finite-element` or `external`.
     ventricle: &'static str,
+    circulation: CirculationKind,
     /// Number of beats simulated before and after the change. `periodic` says whether both
     /// simulations reached their periodic state, or is true because `--beats` fixed the number.
     beats: [u32; 2],
@@ -217,35 +224,32 @@ fn predict(
         (PERIODIC, reduced)
     };
     let beats = args.beats.map_or(beats, |n| BeatCount::Fixed { n });
-    let before = ventricle.beat_of_twin("predict", beats)?;
-    let mut after = before.clone();
+    let twin = ventricle.beat_of_twin("predict", beats)?;
     let patient = ventricle.plan.id.to_string();
-    let refuse = |problem: String| CliError::Usage(format!("{patient}: {problem}"));
-    let made = changes
-        .iter()
-        .map(|change| change.make(&mut after))
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(refuse)?;
-    let (result_before, traces_before) = simulate(&before, asked, worker)?;
-    let (result_after, traces_after) = simulate(&after, asked, worker)?;
     let (own, own_traces) = ventricle.twin()?;
-    let of = |result: &OrganBeatResult, text: &str, beat: &OrganBeatSpec| {
-        indices(&result.biomarkers, &Traces::of(text), beat.cycle_length_ms)
+    let beats = (&twin, own, &Traces::of(&own_traces));
+    let simulated = in_circuit(args, &patient, beats, changes, asked, worker)?;
+    let (circuit, both, mut remarks) = simulated;
+    let (result_before, traces_before) = &both.before;
+    let (result_after, traces_after) = &both.after;
+    let of = |result: &OrganBeatResult, text: &str, cycle_length_ms: f64| {
+        indices(&result.biomarkers, &Traces::of(text), cycle_length_ms)
     };
     let posterior = ventricle.posterior().filter(|_| !args.no_band);
-    let twins = of(own, &own_traces, &before);
+    let twins = of(own, &own_traces, twin.cycle_length_ms);
     let bands = match posterior {
         Some(posterior) => {
             let beats = args.beats.map_or(PERIODIC, |n| BeatCount::Fixed { n });
             let twin = ventricle.beat_of_twin("predict", beats)?;
-            bands::of(posterior, &twin, &twins, changes, reduced, worker)?
+            let closed = circuit.as_ref();
+            bands::of(posterior, (&twin, &twins), changes, closed, reduced, worker)?
         }
         None => Bands::new(),
     };
     let mut indices = side_by_side(
         &twins,
-        &of(&result_before, &traces_before, &before),
-        &of(&result_after, &traces_after, &after),
+        &of(result_before, traces_before, twin.cycle_length_ms),
+        &of(result_after, traces_after, both.cycle_length_after_ms),
     );
     let mut unlike = Vec::new();
     for index in &mut indices {
@@ -263,11 +267,8 @@ fn predict(
             unlike.push(index.name);
         }
     }
-    let mut remarks: Vec<String> = changes
-        .iter()
-        .filter_map(Change::remark)
-        .map(str::to_owned)
-        .collect();
+    let of_changes = changes.iter().filter_map(Change::remark);
+    remarks.extend(of_changes.map(str::to_owned));
     let verdict = ventricle.verdict();
     if let Some(verdict) = verdict.filter(|verdict| !verdict.personalised) {
         remarks.push(format!(
@@ -284,7 +285,7 @@ fn predict(
             unlike.join(", ")
         ));
     }
-    for (word, result) in [("before", &result_before), ("after", &result_after)] {
+    for (word, result) in [("before", result_before), ("after", result_after)] {
         if let Some(check) = result.failed_check() {
             remarks.push(format!("{word}: {check}"));
         }
@@ -292,8 +293,8 @@ fn predict(
     let mut prediction = Prediction {
         scenario,
         patient,
-        changes: made,
-        ventricle: match (&before.organ, args.in_3d) {
+        changes: both.made.clone(),
+        ventricle: match (&twin.organ, args.in_3d) {
             (OrganSpec::FiniteElement(_) | OrganSpec::External(_), false) if law.is_some() => {
                 "organ's law"
             }
@@ -301,8 +302,12 @@ fn predict(
             (OrganSpec::FiniteElement(_), true) => "finite-element",
             (OrganSpec::External(_), true) => "external",
         },
+        circulation: match circuit {
+            Some(_) => CirculationKind::Closed,
+            None => CirculationKind::Open,
+        },
         beats: [result_before.beats, result_after.beats],
-        periodic: args.beats.is_some() || (result_before.periodic && result_after.periodic),
+        periodic: args.beats.is_some() || both.are_periodic(),
         personalised: verdict.is_some_and(|verdict| verdict.personalised),
         indices,
         remarks,
@@ -315,10 +320,55 @@ fn predict(
         ));
     }
     if let Some(folder) = &args.out {
-        let after = curve::predicted(&traces_after, &prediction.indices);
+        let after = curve::predicted(traces_after, &prediction.indices);
         write(folder, &mut prediction, &own_traces, &after)?;
     }
     Ok(prediction)
+}
+
+/// Simulates both beats in the circuit that is asked for; `None` stands for the open one. A twin that has
+/// no loop, or whose beat is not found in it, is refused. Among the twins of a file of scenarios it is
+/// predicted in the open circuit, with a remark.
+///
+/// - `twin`: the unchanged beat; `own` and `traces`: its own one in the run
+fn in_circuit(
+    args: &PredictArgs,
+    patient: &str,
+    (twin, own, traces): (&OrganBeatSpec, &OrganBeatResult, &Traces),
+    changes: &[Change],
+    asked: AskedFor<'_>,
+    worker: &Path,
+) -> Result<(Option<TwinsLoop>, Both, Vec<String>), CliError> {
+    let named = |error: CliError| match error {
+        CliError::Usage(problem) => CliError::Usage(format!("{patient}: {problem}")),
+        other => other,
+    };
+    let is_one_of_many = args.scenarios.is_some();
+    let mut remarks = Vec::new();
+    if args.circulation == CirculationKind::Closed {
+        let reason = match TwinsLoop::around(twin, (own, traces), args.in_3d) {
+            Ok(closed) => match both(twin, changes, Some(&closed), asked, worker) {
+                Ok(both) if both.are_periodic() || !is_one_of_many => {
+                    return Ok((Some(closed), both, remarks));
+                }
+                Ok(_) => "no periodic beat was found in the loop".to_owned(),
+                Err(CliError::Simulation { message }) if is_one_of_many => {
+                    format!("in the loop the beat {message}")
+                }
+                Err(error) => return Err(named(error)),
+            },
+            Err(reason) if is_one_of_many => reason,
+            Err(reason) => {
+                let refused = format!("{patient}: --circulation closed: {reason}");
+                return Err(CliError::Usage(refused));
+            }
+        };
+        remarks.push(format!(
+            "predicted in the open circuit, in which filling does not follow the change: {reason}"
+        ));
+    }
+    let both = both(twin, changes, None, asked, worker).map_err(named)?;
+    Ok((None, both, remarks))
 }
 
 fn side_by_side(
@@ -365,7 +415,8 @@ fn write(
             pv_loop: traces.points("volume_mL", "pressure_mmHg"),
         }
     };
-    let said: Vec<String> = prediction.changes.iter().map(words).collect();
+    let mut said: Vec<String> = prediction.changes.iter().map(words).collect();
+    said.push(prediction.circulation.words().to_owned());
     let headline = format!("{}: twin's own beat, and predicted", prediction.patient);
     let json = serde_json::to_string_pretty(&*prediction).map_err(|error| CliError::Io {
         what: "cannot write JSON",
@@ -426,8 +477,9 @@ fn screen(prediction: &Prediction, talk: &Talk) -> String {
     text += &table.text();
     let [a, b] = prediction.beats;
     text += &format!(
-        "{} ventricle, {a} beats before and {b} after\n",
-        prediction.ventricle
+        "{} ventricle, {}, {a} beats before and {b} after\n",
+        prediction.ventricle,
+        prediction.circulation.words()
     );
     prediction
         .remarks
@@ -451,6 +503,7 @@ fn overview(predictions: &[Prediction], talk: &Talk) -> String {
     ];
     let mut headings = vec!["SCENARIO", "PATIENT"];
     headings.extend(SHOWN.map(|(_, heading)| heading));
+    headings.push("CIRCUIT");
     let mut table = Columns::new(talk, &headings);
     for prediction in predictions {
         let cell = |name: &str| {
@@ -471,6 +524,7 @@ fn overview(predictions: &[Prediction], talk: &Talk) -> String {
             prediction.patient.clone(),
         ];
         row.extend(SHOWN.map(|(name, _)| cell(name)));
+        row.push(prediction.circulation.words().to_owned());
         table.row(row);
     }
     let mut text = table.text()

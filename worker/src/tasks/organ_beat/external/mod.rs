@@ -279,6 +279,7 @@ fn answer(
             lambda_min: Some(lambda_min),
             motion: None,
             law: law.as_ref(),
+            closed: None,
         },
     )?;
     result.remarks.extend(estimated);
