@@ -50,12 +50,20 @@ impl BeatArgs {
             Elements::Linear => Element::Linear,
             Elements::Pointwise => Element::Pointwise,
         };
+        let FiniteElementSettings {
+            diastolic_step_ms,
+            longest_step_ms,
+            step_tolerance,
+            ..
+        } = FiniteElementSettings::default();
         Ok(VentricleBench {
             nodes,
             element,
             cycle_ms: self.cycle,
             step_ms: self.step,
-            diastolic_step_ms: FiniteElementSettings::default().diastolic_step_ms,
+            diastolic_step_ms,
+            longest_step_ms,
+            step_tolerance,
             tolerance: self.tolerance,
         })
     }

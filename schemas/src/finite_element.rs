@@ -300,7 +300,7 @@ pub struct FiniteElementSettings {
     pub diastolic_step_ms: f64,
     /// Longest time step where an estimate of the error controls the steps; they are output intervals times powers of two. 0
     /// for steps of one length.
-    #[serde(skip_serializing_if = "crate::absent::is_zero")]
+    #[serde(skip_serializing_if = "is_usual_longest")]
     #[schemars(extend("minimum" = 0.0, "maximum" = 20.0))]
     pub longest_step_ms: f64,
     /// Tolerated error of a controlled step over its length, of the cavity's pressure \[mmHg/s\] and volume \[mL/s\].
@@ -322,6 +322,17 @@ pub struct FiniteElementSettings {
     /// Whether transmembrane potentials are computed besides the activation times.
     #[serde(skip_serializing_if = "is_eikonal")]
     pub ep: Electrophysiology,
+}
+
+/// Default of the longest controlled step \[ms\].
+const LONGEST_STEP_MS: f64 = 4.0;
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_usual_longest(longest_step_ms: &f64) -> bool {
+    *longest_step_ms == LONGEST_STEP_MS
 }
 
 /// Default of the tolerated error of controlled steps \[mmHg/s and mL/s\].
@@ -353,7 +364,7 @@ impl Default for FiniteElementSettings {
             newton: NewtonSettings::default(),
             linear_solver: LinearSolver::default(),
             diastolic_step_ms: 0.0,
-            longest_step_ms: 0.0,
+            longest_step_ms: LONGEST_STEP_MS,
             step_tolerance: STEP_TOLERANCE,
             subdomains: 0,
             wall: WallSettings::default(),

@@ -95,7 +95,7 @@ impl TaskSpec {
     #[must_use]
     pub fn model_version(&self) -> u32 {
         match self {
-            Self::OrganBeat(_) => 14,
+            Self::OrganBeat(_) => 15,
             Self::PassiveState(_) => 11,
             Self::Discover(_) => 10,
             Self::Step3Proposal(_) => 12,

@@ -25,10 +25,11 @@ use cardiotwin_worker::nodal::NodalRows;
 use cardiotwin_worker::tasks::run_task;
 use support::{beat_spec, passive_state, step0, vtk_reader};
 
-/// Settings for 01-CoA on the coarsest mesh, with a tolerance that suffices for these tests.
+/// Settings for 01-CoA on the coarsest mesh, with steps of one length that suffices for these tests.
 fn coarse() -> FiniteElementSettings {
     FiniteElementSettings {
         mesh_nodes: 500,
+        longest_step_ms: 0.0,
         ..FiniteElementSettings::default()
     }
 }

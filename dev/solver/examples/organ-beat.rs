@@ -1,8 +1,8 @@
 //! Step 0 and one beat of a generated ventricle, with its cost: `cargo run --release --manifest-path dev/Cargo.toml --example
 //! organ-beat -- [nodes=2000] [c=0.8] [element=linear|pointwise|quadratic]
 //! [law=guccione|ogden|neo] [convention=squared|first|second] [tau=0.1] [linear=levels|jacobi|sweep|direct] [static=direct|multigrid]
-//! [tolerance=1e-4] [step=1] [late=0] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
-//! taken for unloaded. Steps of late filling may be `late` ms long. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
+//! [tolerance=1e-4] [step=1] [late=0] [longest=0] [control=2] [end=659] [turn=60] [ring=0.04]`. With a stiffness `c` \[kPa\] step 0 only inflates, from the image
+//! taken for unloaded. Steps of late filling may be `late` ms long, and controlled steps `longest` ms, with a tolerated error of `control`. Fibres go from `turn` degrees at the endocardium to its negative at the epicardium; `ring` is the height
 //! of the passive ring at the base. What a beat is made of: `cardiotwin-dev bench beat --nodes N`.
 
 use std::convert::Infallible;
@@ -27,6 +27,7 @@ use cardiotwin_mesh::tags;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, run_observed};
 use cardiotwin_models::circulation::LeftHeart;
 use cardiotwin_models::contraction::{Tanh, TanhParameters};
+use cardiotwin_models::step_control::StepControl;
 use cardiotwin_models::ventricle::GroupContraction;
 use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
@@ -183,6 +184,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = BeatSettings {
         step: Ms(argument("step", 1.0)),
         diastolic_step: Ms(argument("late", 0.0)),
+        control: (argument("longest", 0.0) > 0.0).then(|| StepControl {
+            longest: Ms(argument("longest", 0.0)),
+            tolerance_per_s: argument("control", 2.0),
+        }),
         ..BeatSettings::one_beat(cycle_length)
     };
     let (mut volume_ratio, mut sample) = ([f64::INFINITY, f64::NEG_INFINITY], 0);

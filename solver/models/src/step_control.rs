@@ -104,6 +104,15 @@ impl StepHistory {
         intervals
     }
 
+    /// Output intervals of `interval_ms` that the last step covered; `None` before the second end.
+    #[must_use]
+    pub fn last_intervals(&self, interval_ms: f64) -> Option<usize> {
+        let [.., before, last] = &self.ends[..] else {
+            return None;
+        };
+        Some(((last.time_ms - before.time_ms) / interval_ms).round() as usize)
+    }
+
     /// Error of a step to `end` over its length, of pressure \[mmHg/s\] or volume \[mL/s\], whichever is larger; `None` as long
     /// as there are too few earlier steps.
     #[must_use]

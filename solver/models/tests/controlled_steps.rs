@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use cardiotwin_models::beat::{
-    BeatOutcome, BeatResult, BeatSettings, Beats, RunProgress, run_beats, run_observed,
+    BeatOutcome, BeatResult, BeatSettings, BeatTraces, Beats, RunProgress, run_beats, run_observed,
 };
 use cardiotwin_models::circulation::LeftHeart;
 use cardiotwin_models::circulation::left_heart::AORTA;
@@ -138,6 +138,92 @@ fn long_steps_leave_every_sample_in_place() {
     );
     assert_eq!(long.traces.time_ms, every.traces.time_ms);
     assert!(error(&long, &every) < 0.1, "{}", error(&long, &every));
+}
+
+/// Sample at the end of each step of a beat, zero first.
+fn ends_of_steps(settings: &BeatSettings) -> (Vec<usize>, BeatResult) {
+    let mut model = subject()
+        .model(&FitSubject::typical(), &[])
+        .expect("typical values");
+    let mut ends = vec![0];
+    let outcome = run_observed(
+        &mut model.ventricle,
+        &mut model.circulation,
+        settings,
+        None,
+        |seen| {
+            ends.push(seen.progress.intervals);
+            ControlFlow::<()>::Continue(())
+        },
+    );
+    match outcome {
+        ControlFlow::Continue(BeatOutcome::Finished(result)) => (ends, *result),
+        _ => panic!("the beat ends"),
+    }
+}
+
+#[test]
+fn steps_are_short_in_isovolumic_contraction() {
+    // A tolerance that would allow long steps everywhere.
+    let (ends, result) = ends_of_steps(&settings(1.0, 8.0, 1e9));
+    let BeatTraces {
+        pressure_mmhg: p,
+        aortic_open,
+        mitral_open,
+        ..
+    } = &result.traces;
+    let (mut contracting, mut long) = (0, 0);
+    for step in ends.windows(2) {
+        let (begin, end) = (step[0], step[1]);
+        let is_closed = !(aortic_open[begin] || mitral_open[begin]);
+        if is_closed && begin > 0 && p[begin] >= p[begin - 1] {
+            contracting += 1;
+            assert_eq!(end - begin, 1, "from {begin} ms");
+        }
+        long += usize::from(end - begin > 1);
+    }
+    assert!(contracting > 10 && long > 10, "{contracting} {long}");
+    // Two steps of half a millisecond each, and never more in other phases.
+    let (intervals, extra) = (ends.len() - 1, result.work.n_steps - (ends.len() - 1));
+    assert!(
+        (contracting..contracting + 2).contains(&extra),
+        "{} steps over {intervals} ends, {contracting} in contraction",
+        result.work.n_steps
+    );
+}
+
+#[test]
+fn samples_inside_a_step_are_as_accurate_as_its_ends() {
+    let (ends, long) = ends_of_steps(&settings(1.0, 8.0, 5.0));
+    let exact = uniform(1.0 / 16.0);
+    let (mut at_ends, mut inside, mut of_lines) = (0.0_f64, 0.0_f64, 0.0_f64);
+    let (p, fine) = (&long.traces.pressure_mmhg, &exact.traces.pressure_mmhg);
+    let valves = |k: usize| (long.traces.aortic_open[k], long.traces.mitral_open[k]);
+    for step in ends.windows(3) {
+        let (before, begin, end) = (step[0], step[1], step[2]);
+        if valves(before) != valves(begin) || valves(begin) != valves(end) {
+            continue;
+        }
+        at_ends = at_ends.max((p[end] - fine[16 * end]).abs());
+        for k in begin + 1..end {
+            let share = (k - begin) as f64 / (end - begin) as f64;
+            let line = p[begin] + share * (p[end] - p[begin]);
+            inside = inside.max((p[k] - fine[16 * k]).abs());
+            of_lines = of_lines.max((line - fine[16 * k]).abs());
+        }
+    }
+    assert!(
+        inside < 1.5 * at_ends && 1.5 * inside < of_lines,
+        "ends {at_ends}, inside {inside}, lines {of_lines} mmHg"
+    );
+    // The volume is the integral of the flows between the samples of a long step.
+    let (v, q) = (&long.traces.volume_ml, &long.traces.net_inflow_ml_per_s);
+    let of_long = ends.windows(2).filter(|step| step[1] - step[0] > 1);
+    for k in of_long.flat_map(|step| step[0] + 1..=step[1]) {
+        let dt_ms = long.traces.time_ms[k] - long.traces.time_ms[k - 1];
+        let come_in = 1e-3 * dt_ms * 0.5 * (q[k] + q[k - 1]);
+        assert!((v[k] - v[k - 1] - come_in).abs() < 1e-6, "at {k} ms");
+    }
 }
 
 #[test]

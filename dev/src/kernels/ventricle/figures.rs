@@ -26,10 +26,14 @@ pub struct VentricleBench {
     pub element: Element,
     /// Length of the beat \[ms\]. A part of a beat is enough to time kernels and their shares.
     pub cycle_ms: f64,
-    /// Time step outside of late filling \[ms\].
+    /// Time step outside of late filling, or interval of the samples where steps are controlled \[ms\].
     pub step_ms: f64,
     /// Longest time step in late filling \[ms\]; 0 for the same step as elsewhere.
     pub diastolic_step_ms: f64,
+    /// Longest controlled time step \[ms\]; steps are of one length where it is not longer than that.
+    pub longest_step_ms: f64,
+    /// Tolerated error of a controlled step over its length \[mmHg/s and mL/s\].
+    pub step_tolerance: f64,
     /// Relative tolerance of Newton's method.
     pub tolerance: f64,
 }

@@ -8,6 +8,7 @@ use cardiotwin_mechanics::organ::{FiniteElementVentricle, Kernel, RankFigures};
 use cardiotwin_mechanics::step::StepSettings;
 use cardiotwin_models::beat::{BeatOutcome, BeatSettings, BeatTraces, run_observed};
 use cardiotwin_models::circulation::{Circulation, LeftHeart};
+use cardiotwin_models::step_control::StepControl;
 use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_units::{Mmhg, Ms};
 
@@ -70,6 +71,10 @@ pub(super) fn beat(
     let settings = BeatSettings {
         step,
         diastolic_step,
+        control: (bench.longest_step_ms > bench.step_ms).then_some(StepControl {
+            longest: Ms(bench.longest_step_ms),
+            tolerance_per_s: bench.step_tolerance,
+        }),
         ..BeatSettings::one_beat(cycle_length)
     };
     let mut phases = Phases::begun();

@@ -65,6 +65,8 @@ struct Way {
     step: f64,
     /// Longest step of late filling as a multiple of other steps; `None` for the benchmark's, which is a cohort's default.
     late_filling: Option<f64>,
+    /// Whether steps are of one length, but in late filling.
+    is_even: bool,
     /// Whether the solver's state is discarded after each step.
     forgets: bool,
 }
@@ -82,6 +84,7 @@ fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
         settings,
         step: 1.0,
         late_filling: None,
+        is_even: false,
         forgets: false,
     };
     let tight = if nodes > FACTORISED {
@@ -108,6 +111,7 @@ fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
     };
     let late = |name, times| Way {
         late_filling: Some(times),
+        is_even: true,
         ..way(name, usual)
     };
     let mut ways = vec![
@@ -116,6 +120,7 @@ fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
             ..tight
         },
         way("default", usual),
+        late("steps of one length", 1.0),
         late("steps of late filling twice as long", 2.0),
         late("steps of late filling four times as long", 4.0),
         late("steps of late filling eight times as long", 8.0),
@@ -142,6 +147,7 @@ fn ways(tolerance: f64, nodes: usize) -> Vec<Way> {
         ),
         Way {
             step: 2.0,
+            is_even: true,
             ..way("steps twice as long", usual)
         },
     ];
@@ -217,6 +223,11 @@ pub fn shortcuts(
         let bench = VentricleBench {
             step_ms: way.step * bench.step_ms,
             diastolic_step_ms,
+            longest_step_ms: if way.is_even {
+                0.0
+            } else {
+                bench.longest_step_ms
+            },
             ..*bench
         };
         let ranks = Ranks::Threads(if settings.linear.is_parallel() {
