@@ -21,10 +21,6 @@ use crate::dynamics::{Candidate, Dynamics, State};
 use crate::newton::Smallest;
 use crate::step::{Closure, PointStress as _, Solver, StepError, StepReport, StepSettings, step};
 
-/// Length of a step up to which the residual's tolerance is that of the settings \[ms\]. What longer steps leave may grow with
-/// their length, since fewer of them add up over a beat.
-const TOLERATED_OVER_MS: f64 = 1.0;
-
 #[derive(Debug, Clone)]
 pub(super) struct Setup {
     pub wall: WallParameters,
@@ -435,11 +431,6 @@ impl OrganRank {
         } else {
             candidate.motion.u.clone_from(&self.now.motion.u);
         }
-        let longer = (dt_ms / TOLERATED_OVER_MS).max(1.0);
-        let settings = StepSettings {
-            relative_tolerance: longer * self.settings.relative_tolerance,
-            ..self.settings
-        };
         let (force, report) = step(
             &self.dynamics,
             &self.now,
@@ -448,7 +439,7 @@ impl OrganRank {
             &mut self.contraction,
             closure,
             &mut self.solver,
-            &settings,
+            &self.settings,
         )?;
         let volume_mm3 = self.dynamics.cavity_volume(&candidate.motion.u);
         let pressure_kpa = candidate.pressure_kpa;

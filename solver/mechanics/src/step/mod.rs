@@ -95,8 +95,7 @@ impl Closure<'_> {
 /// Settings of a time step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepSettings {
-    /// Tolerance of the residual, relative to the scale of the forces. A ventricle's steps beyond 1 ms may leave more, in
-    /// proportion to their length.
+    /// Tolerance of the residual, relative to the scale of the forces.
     pub relative_tolerance: f64,
     /// Smallest scale of the forces, as a pressure on the endocardium \[kPa\]; it sets the scale at rest.
     pub least_pressure_kpa: f64,

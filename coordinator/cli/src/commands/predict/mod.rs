@@ -481,6 +481,9 @@ fn screen(prediction: &Prediction, talk: &Talk) -> String {
         prediction.ventricle,
         prediction.circulation.words()
     );
+    if prediction.indices.iter().any(|index| index.band.is_some()) {
+        text += "5 % and 95 %: uncertainty of cell and valves in this model; real hearts may differ by more\n";
+    }
     prediction
         .remarks
         .iter()
