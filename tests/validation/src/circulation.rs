@@ -535,7 +535,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_keeps_the_blood_and_preload_follows_it() {
+    fn a_change_keeps_the_blood_and_the_output_follows_it() {
         for hearts in [Hearts::Elastance, Hearts::Sarcomeres] {
             let rest = hearts.draw(&mut Random::new(3, 0)).rest().expect("steady");
             let (timing, begun) = (Timing::of(&rest.heart), rest.state);
@@ -548,8 +548,10 @@ mod tests {
             assert!((stroke(&same) / stroke(&rest.beat) - 1.0).abs() < 0.01);
             let dilated = rest.changed(|heart| heart.peripheral_resistance *= 0.75);
             let dilated = dilated.expect("steady");
-            assert!(stroke(&dilated) > 1.05 * stroke(&same));
-            assert!(mean(&dilated.atrial_pressure) > mean(&same.atrial_pressure));
+            assert!(stroke(&dilated) > stroke(&same));
+            // More blood flows, so that the pressure falls by less than the resistance.
+            let share = mean(&dilated.aortic_pressure) / mean(&same.aortic_pressure);
+            assert!((0.75..1.0).contains(&share), "{share}");
             let filled = rest.filled(1.2).expect("steady");
             let share = mean(&filled.atrial_pressure) / mean(&rest.beat.atrial_pressure);
             assert!((share - 1.2).abs() < 1e-3 && stroke(&filled) > stroke(&same));
