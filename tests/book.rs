@@ -85,7 +85,7 @@ fn the_readme() {
         "my-cohort/run/export/ro-crate",
         "my-cohort/sweeps/robustness-data/results/robustness.html",
         "my-cohort/patients/P001/prepared/beats.svg",
-        "my-cohort/patients/04-CoA/model.toml",
+        "my-cohort/patients/01-CoA/model.toml",
         "gsa/results/step2.toml",
     ] {
         assert!(folder.path().join(made).exists(), "{made}");
