@@ -268,9 +268,12 @@ def time_constant(t, v, begin, end, argument):
     return -((end - begin) ** 3 / 12) / pieces.sum()
 
 
-def volume_balance(t, volume, inflow, outflow):
-    """Change of the volume less what the valves let through, mL: flows belong to the end of their step."""
-    net = ((inflow - outflow)[1:] * np.diff(t)).sum() / 1000
+def volume_balance(t, volume, inflow, outflow, is_of_second_order=False):
+    """Change of the volume less what the valves let through, mL: flows belong to the end of their step, or to both
+    ends in a circulation of second order."""
+    flow = inflow - outflow
+    of_step = 0.5 * (flow[1:] + flow[:-1]) if is_of_second_order else flow[1:]
+    net = (of_step * np.diff(t)).sum() / 1000
     return volume[-1] - volume[0] - net
 
 
