@@ -3,9 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-use cardiotwin_engine::{Reader, find_worker};
+use cardiotwin_engine::find_worker;
 use cardiotwin_schemas::formats;
-use cardiotwin_schemas::organ::BeatCount;
 use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_signals::elastance::normal::{
     ELASTANCE_MMHG_PER_ML, NormalValue, PRELOAD_RECRUITABLE_STROKE_WORK_MMHG,
@@ -24,18 +23,13 @@ use serde::Serialize;
 use crate::commands::predict::beat::simulate;
 use crate::commands::predict::indices::Traces;
 use crate::commands::predict::law_file::LawKnowledgeFile;
+use crate::commands::predict::{PERIODIC, no_twin, with_twin};
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::place::OfCohort;
 use crate::table::{Columns, number, optional};
 use crate::talk::Talk;
-use crate::ventricle::{AskedFor, Ventricle};
-
-/// Most beats to the periodic state, and the tolerance (mmHg and mL) at which a beat counts as periodic.
-const PERIODIC: BeatCount = BeatCount::Periodic {
-    max: 100,
-    tolerance: 0.05,
-};
+use crate::ventricle::Ventricle;
 
 /// Factors on the filling pressure of the virtual loads for the lines, as an occlusion of the vena cava
 /// makes them; the first is rest.
@@ -92,16 +86,10 @@ pub async fn execute(args: &ElastanceArgs, talk: &Talk) -> Result<Exit, CliError
     let worker = find_worker(args.worker.as_deref())?;
     let patients = match &args.patient {
         Some(patient) => vec![patient.clone()],
-        None => {
-            let record = Reader::open(&folders.run).await?.record().await?;
-            let twins = record.patients.iter().filter(|p| p.twin().is_some());
-            twins.map(|p| p.plan.id.to_string()).collect()
-        }
+        None => with_twin(&folders).await?,
     };
     if patients.is_empty() {
-        return Err(CliError::Usage(
-            "no patient of the run has a twin yet: run `cardiotwin run` first".to_owned(),
-        ));
+        return Err(no_twin());
     }
     let mut found = Vec::new();
     for patient in patients {
@@ -132,9 +120,7 @@ pub async fn execute(args: &ElastanceArgs, talk: &Talk) -> Result<Exit, CliError
 /// Elastance of the twin from its beats at the virtual loads.
 fn of_twin(ventricle: &Ventricle, worker: &Path) -> Result<TwinElastance, CliError> {
     let law = LawKnowledgeFile::of(ventricle)?;
-    let asked = law
-        .as_ref()
-        .map_or(AskedFor::OneFibre, |law| AskedFor::Law(&law.path));
+    let asked = LawKnowledgeFile::asked(law.as_ref());
     let rest = ventricle.beat_of_twin("elastance", PERIODIC)?;
     let beat = |filling: f64, resistance: f64| {
         let mut spec = rest.clone();

@@ -13,6 +13,7 @@ use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
 use super::models::{ReducedOrgan, reduced, settings};
+use super::result::Seen;
 use crate::error::TaskError;
 
 /// Largest change over a beat (mL, mmHg, mL/s, kPa), and largest distance from the filling's target (mL
@@ -23,13 +24,7 @@ const TOLERANCE: f64 = 1e-4;
 /// at the end of the beat before.
 const LAST_BEATS: usize = 2;
 
-/// How beats in a circuit ended, with the state of a closed loop.
-pub(super) struct InCircuit {
-    pub(super) outcome: BeatOutcome,
-    pub(super) closed: Option<LoopState>,
-}
-
-/// Runs the beats of a specification in a reduced ventricle.
+/// Runs the beats of a specification in a reduced ventricle. The state of a closed loop is seen next to them.
 ///
 /// # Errors
 /// [`TaskError`] when the specification is outside the range of the models, or asks for a blood volume
@@ -38,7 +33,7 @@ pub(super) fn beats_of(
     spec: &OrganBeatSpec,
     organ: &ReducedOrgan,
     record_nodes: bool,
-) -> Result<InCircuit, TaskError> {
+) -> Result<(BeatOutcome, Seen<'static>), TaskError> {
     let settings = BeatSettings {
         record_nodes,
         ..settings(spec)
@@ -62,7 +57,11 @@ pub(super) fn beats_of(
         BeatOutcome::Finished(result) => state(&result.traces),
         BeatOutcome::Diverged { .. } => None,
     };
-    Ok(InCircuit { outcome, closed })
+    let seen = Seen {
+        closed,
+        ..Seen::default()
+    };
+    Ok((outcome, seen))
 }
 
 /// Searches the periodic beat with its blood volume, and runs the last beats from there in `model`.

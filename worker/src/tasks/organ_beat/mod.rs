@@ -18,8 +18,8 @@ use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult};
 use cardiotwin_schemas::task::OrganBeatSpec;
 
-use self::circuit::{InCircuit, beats_of};
-use self::result::{Seen, ending, organ_beat_result};
+use self::circuit::beats_of;
+use self::result::{ending, organ_beat_result};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::finite_element::stored::About;
@@ -78,11 +78,7 @@ pub fn run_reduced(
     context.progress.report("simulating", 0.0, None, || {
         format!("{} ms cycle", spec.cycle_length_ms)
     });
-    let InCircuit { outcome, closed } = beats_of(spec, organ, true)?;
-    let seen = Seen {
-        closed,
-        ..Seen::default()
-    };
+    let (outcome, seen) = beats_of(spec, organ, true)?;
     ending(spec, outcome, BTreeMap::new(), seen, context)
 }
 
@@ -95,11 +91,7 @@ pub fn reduced_beat(
     spec: &OrganBeatSpec,
     organ: &ReducedOrgan,
 ) -> Result<Option<OrganBeatResult>, TaskError> {
-    let InCircuit { outcome, closed } = beats_of(spec, organ, false)?;
-    let seen = Seen {
-        closed,
-        ..Seen::default()
-    };
+    let (outcome, seen) = beats_of(spec, organ, false)?;
     match outcome {
         BeatOutcome::Finished(result) => organ_beat_result(spec, &result, seen).map(Some),
         BeatOutcome::Diverged { .. } => Ok(None),
@@ -114,11 +106,7 @@ pub fn reduced_beat_with_traces(
     spec: &OrganBeatSpec,
     organ: &ReducedOrgan,
 ) -> Result<(OrganBeatResult, BeatTraces), TaskError> {
-    let InCircuit { outcome, closed } = beats_of(spec, organ, true)?;
-    let seen = Seen {
-        closed,
-        ..Seen::default()
-    };
+    let (outcome, seen) = beats_of(spec, organ, true)?;
     match outcome {
         BeatOutcome::Finished(result) => {
             let read = organ_beat_result(spec, &result, seen)?;

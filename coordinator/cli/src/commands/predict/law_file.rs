@@ -5,12 +5,11 @@ use std::path::PathBuf;
 use tempfile::TempDir;
 
 use crate::error::CliError;
-use crate::ventricle::Ventricle;
+use crate::ventricle::{AskedFor, Ventricle};
 
 /// What is known about the organ's law in a temporary file, for the worker.
 pub struct LawKnowledgeFile {
-    /// Path of the file.
-    pub path: PathBuf,
+    path: PathBuf,
     _folder: TempDir,
 }
 
@@ -35,5 +34,10 @@ impl LawKnowledgeFile {
             path,
             _folder: folder,
         }))
+    }
+
+    /// The ventricle to simulate: the law, or the one-fibre ventricle of a twin without one.
+    pub fn asked(law: Option<&Self>) -> AskedFor<'_> {
+        law.map_or(AskedFor::OneFibre, |law| AskedFor::Law(&law.path))
     }
 }

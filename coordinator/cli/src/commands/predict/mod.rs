@@ -38,7 +38,7 @@ use crate::ventricle::{AskedFor, CirculationKind, Ventricle};
 
 /// Most beats to the periodic state of a reduced ventricle, and the tolerance (mmHg and mL) at
 /// which a beat counts as periodic.
-const PERIODIC: BeatCount = BeatCount::Periodic {
+pub const PERIODIC: BeatCount = BeatCount::Periodic {
     max: 100,
     tolerance: 0.05,
 };
@@ -181,13 +181,7 @@ async fn asked(
             .collect());
     };
     let scenarios = scenarios::read(file)?;
-    let record = Reader::open(&folders.run).await?.record().await?;
-    let twins: Vec<String> = record
-        .patients
-        .iter()
-        .filter(|p| p.twin().is_some())
-        .map(|p| p.plan.id.to_string())
-        .collect();
+    let twins = with_twin(folders).await?;
     let mut all = Vec::new();
     for (name, scenario) in scenarios {
         let patients = args
@@ -200,11 +194,24 @@ async fn asked(
         }
     }
     if all.is_empty() {
-        return Err(CliError::Usage(
-            "no patient of the run has a twin yet: run `cardiotwin run` first".to_owned(),
-        ));
+        return Err(no_twin());
     }
     Ok(all)
+}
+
+/// Patients of the run that have a twin.
+///
+/// # Errors
+/// Those of the store.
+pub async fn with_twin(folders: &Folders) -> Result<Vec<String>, CliError> {
+    let record = Reader::open(&folders.run).await?.record().await?;
+    let twins = record.patients.iter().filter(|p| p.twin().is_some());
+    Ok(twins.map(|p| p.plan.id.to_string()).collect())
+}
+
+/// The error of a run without any twin.
+pub fn no_twin() -> CliError {
+    CliError::Usage("no patient of the run has a twin yet: run `cardiotwin run` first".to_owned())
 }
 
 fn predict(
@@ -215,9 +222,7 @@ fn predict(
     worker: &Path,
 ) -> Result<Prediction, CliError> {
     let law = LawKnowledgeFile::of(ventricle)?;
-    let reduced = law
-        .as_ref()
-        .map_or(AskedFor::OneFibre, |law| AskedFor::Law(&law.path));
+    let reduced = LawKnowledgeFile::asked(law.as_ref());
     let (beats, asked) = if args.in_3d {
         (PERIODIC_IN_3D, AskedFor::TheOrgan)
     } else {
