@@ -3,6 +3,7 @@
 
 mod built;
 mod pictures;
+mod report_picture;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -90,6 +91,19 @@ fn the_readme() {
     ] {
         assert!(folder.path().join(made).exists(), "{made}");
     }
+}
+
+#[test]
+fn the_readmes_picture_of_a_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    shell(
+        "the README's picture",
+        "cardiotwin run examples/coa-seven",
+        folder.path(),
+    );
+    let report = folder.path().join("examples/coa-seven/run/report.html");
+    let shown = root().join("docs/images/report.png");
+    report_picture::assert_is_of(&report, "01-CoA", &shown);
 }
 
 #[test]

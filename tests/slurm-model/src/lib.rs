@@ -13,7 +13,7 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use cardiotwin_slurm::state::{Bearing, SlurmState};
+use cardiotwin_slurm::state::{Liveness, SlurmState};
 
 /// Behaviour of a job's processes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -329,7 +329,7 @@ impl Model {
     }
 
     fn cancel(&mut self, i: usize) {
-        if self.jobs[i].state.bearing() == Bearing::Ended {
+        if self.jobs[i].state.bearing() == Liveness::Ended {
             return;
         }
         if let Some(run) = self.jobs[i].run {

@@ -4,7 +4,7 @@ use super::{Fault, Job, Model, script::Request};
 use cardiotwin_slurm::answers::{Exit, Output, accounting, queue};
 use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::job::number;
-use cardiotwin_slurm::state::{Bearing, SlurmState};
+use cardiotwin_slurm::state::{Liveness, SlurmState};
 use cardiotwin_slurm::walltime;
 
 const TIMED_OUT: &str = "Socket timed out on send/recv operation";
@@ -149,7 +149,7 @@ impl Model {
             return refused(Some("QOSMaxWallDurationPerJobLimit"), POLICY);
         }
         let alive =
-            |job: &&Job| job.request.qos == request.qos && job.state.bearing() != Bearing::Ended;
+            |job: &&Job| job.request.qos == request.qos && job.state.bearing() != Liveness::Ended;
         let n_alive = self.jobs.iter().filter(alive).count() as u64;
         if limits
             .max_queued
