@@ -89,13 +89,13 @@ pub struct KnownTask {
     /// Generation of the last attempt.
     pub generation: u32,
     /// State of the task.
-    pub standing: Standing,
+    pub standing: KnownTaskState,
 }
 
 /// State of a known task.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Standing {
+pub enum KnownTaskState {
     /// The task is to be tried again.
     Open,
     /// The task succeeded; the outcome of the last generation is valid.

@@ -10,7 +10,7 @@ use serde::Serialize;
 /// Whether a file is as it was stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Standing {
+pub enum FileState {
     /// Its content has the stored hash.
     AsStored,
     /// Its content has another hash.
@@ -21,7 +21,7 @@ pub enum Standing {
     Unreadable,
 }
 
-impl Standing {
+impl FileState {
     /// Name in tables.
     #[must_use]
     pub fn as_str(self) -> &'static str {
@@ -44,7 +44,7 @@ pub struct VerifiedFile {
     /// Absolute path.
     pub path: PathBuf,
     /// Result of the comparison.
-    pub standing: Standing,
+    pub standing: FileState,
     /// The stored hash, SHA-256.
     pub expected_sha256: String,
     /// Hash of the present content; `None` if it could not be read.
@@ -67,10 +67,10 @@ pub async fn verify(run_dir: &Path) -> Result<Vec<VerifiedFile>, StoreError> {
 fn compared(file: StoredFile) -> VerifiedFile {
     let hashed = sha256_of_file(&file.path);
     let standing = match &hashed {
-        Ok(found) if *found == file.sha256 => Standing::AsStored,
-        Ok(_) => Standing::Changed,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Standing::Missing,
-        Err(_) => Standing::Unreadable,
+        Ok(found) if *found == file.sha256 => FileState::AsStored,
+        Ok(_) => FileState::Changed,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => FileState::Missing,
+        Err(_) => FileState::Unreadable,
     };
     let why = hashed.as_ref().err().map(ToString::to_string);
     VerifiedFile {
@@ -80,7 +80,7 @@ fn compared(file: StoredFile) -> VerifiedFile {
         standing,
         expected_sha256: file.sha256,
         found_sha256: hashed.ok(),
-        why: why.filter(|_| standing == Standing::Unreadable),
+        why: why.filter(|_| standing == FileState::Unreadable),
     }
 }
 
@@ -103,9 +103,9 @@ mod tests {
             });
             (found.standing, found.why.is_some())
         };
-        assert_eq!(of("a.csv", "1,2\n"), (Standing::AsStored, false));
-        assert_eq!(of("a.csv", "1,3\n"), (Standing::Changed, false));
-        assert_eq!(of("b.csv", "1,2\n"), (Standing::Missing, false));
-        assert_eq!(of("", "1,2\n"), (Standing::Unreadable, true));
+        assert_eq!(of("a.csv", "1,2\n"), (FileState::AsStored, false));
+        assert_eq!(of("a.csv", "1,3\n"), (FileState::Changed, false));
+        assert_eq!(of("b.csv", "1,2\n"), (FileState::Missing, false));
+        assert_eq!(of("", "1,2\n"), (FileState::Unreadable, true));
     }
 }

@@ -10,7 +10,7 @@ use cardiotwin_schemas::formats::PROGRESS;
 use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::progress::Progress;
 
-use crate::dispatch::Evidence;
+use crate::dispatch::AttemptFindings;
 
 /// A worker is hung after so many times the longest time between two of its reports.
 const PATIENCE: u32 = 10;
@@ -71,9 +71,10 @@ impl Watch {
     }
 
     /// Stops watching an attempt that ended. A killed worker leaves no evidence but the reason.
-    pub fn ended(&mut self, attempt: &AttemptId, evidence: &mut Evidence) {
+    pub fn ended(&mut self, attempt: &AttemptId, evidence: &mut AttemptFindings) {
         self.leaves(attempt);
-        if let (Some(why), Evidence::Nothing { reason, .. }) = (self.hung.remove(attempt), evidence)
+        if let (Some(why), AttemptFindings::Nothing { reason, .. }) =
+            (self.hung.remove(attempt), evidence)
         {
             *reason = why;
         }

@@ -9,7 +9,7 @@ use crate::answers::accounting::{AccountingRow, ExitCode};
 use crate::answers::queue::QueueRow;
 use crate::job::{JobId, Jobs};
 use crate::reason::{self, Why};
-use crate::state::{Bearing, SlurmState};
+use crate::state::{Liveness, SlurmState};
 
 /// Account of Slurm's database of a run that the queue shows as ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -135,18 +135,18 @@ pub fn of(
         rows.filter_map(|row| Some((id_of(&row.jobs, wanted.element)?, row)))
     };
     if let Some(row) =
-        queued().find(|row| matches!(row.state.bearing(), Bearing::Waiting | Bearing::Running))
+        queued().find(|row| matches!(row.state.bearing(), Liveness::Waiting | Liveness::Running))
     {
         return JobStatus::Alive(alive(row));
     }
-    if let Some(row) = queued().find(|row| row.state.bearing() == Bearing::Unclear) {
+    if let Some(row) = queued().find(|row| row.state.bearing() == Liveness::Unclear) {
         return JobStatus::Unknown(Unknown::State(row.state.clone()));
     }
     if let Some(row) = queued().max_by_key(|row| row.submitted) {
         // Accounting has more details of the same run: its exit code and its canceller.
         let same =
             || accounted().filter(|(id, more)| *id == row.id && more.submitted >= row.submitted);
-        let more = same().filter(|(_, more)| more.state.bearing() == Bearing::Ended);
+        let more = same().filter(|(_, more)| more.state.bearing() == Liveness::Ended);
         return JobStatus::Ended(match more.max_by_key(|(_, more)| more.submitted) {
             // The accounting of an end may come before the start's, and then has no nodes.
             Some((id, more)) if more.nodes.is_empty() => Ended {
@@ -181,13 +181,13 @@ pub fn of(
     // proves nothing because accounting lags.
     match accounted().max_by_key(|(_, row)| (row.submitted, row.start)) {
         Some((id, row)) => match row.state.bearing() {
-            Bearing::Ended => JobStatus::Ended(ended(id, row)),
-            Bearing::Unclear => JobStatus::Unknown(Unknown::State(row.state.clone())),
+            Liveness::Ended => JobStatus::Ended(ended(id, row)),
+            Liveness::Unclear => JobStatus::Unknown(Unknown::State(row.state.clone())),
             runs if queue.is_none() => JobStatus::Alive(Alive {
                 id,
-                runs: runs == Bearing::Running,
+                runs: runs == Liveness::Running,
                 state: row.state.clone(),
-                why: (runs == Bearing::Waiting).then(|| reason::why(&row.reason)),
+                why: (runs == Liveness::Waiting).then(|| reason::why(&row.reason)),
                 start: row.start,
                 nodes: row.nodes.clone(),
             }),
@@ -217,7 +217,7 @@ fn id_of(jobs: &Jobs, element: Option<u32>) -> Option<JobId> {
 }
 
 fn alive(row: &QueueRow) -> Alive {
-    let runs = row.state.bearing() == Bearing::Running;
+    let runs = row.state.bearing() == Liveness::Running;
     Alive {
         id: row.id,
         runs,

@@ -40,10 +40,10 @@ macro_rules! states {
 
             /// Meaning of the state for the life of the job.
             #[must_use]
-            pub fn bearing(&self) -> Bearing {
+            pub fn bearing(&self) -> Liveness {
                 match self {
                     $(Self::$name => $bearing,)*
-                    Self::Unlisted(_) => Bearing::Unclear,
+                    Self::Unlisted(_) => Liveness::Unclear,
                 }
             }
         }
@@ -52,7 +52,7 @@ macro_rules! states {
 
 /// Meaning of a state for the life of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Bearing {
+pub enum Liveness {
     /// The job waits for its start.
     Waiting,
     /// The job has nodes and may have processes.
@@ -65,61 +65,61 @@ pub enum Bearing {
 
 states! {
     /// Ended because a node failed to boot.
-    BootFail = "BOOT_FAIL" / "BF": Bearing::Ended,
+    BootFail = "BOOT_FAIL" / "BF": Liveness::Ended,
     /// Cancelled by its user or an administrator.
-    Cancelled = "CANCELLED" / "CA": Bearing::Ended,
+    Cancelled = "CANCELLED" / "CA": Liveness::Ended,
     /// All processes ended with exit code 0.
-    Completed = "COMPLETED" / "CD": Bearing::Ended,
+    Completed = "COMPLETED" / "CD": Liveness::Ended,
     /// Waits for nodes that are being prepared.
-    Configuring = "CONFIGURING" / "CF": Bearing::Waiting,
+    Configuring = "CONFIGURING" / "CF": Liveness::Waiting,
     /// Is ending, but processes may still exist.
-    Completing = "COMPLETING" / "CG": Bearing::Running,
+    Completing = "COMPLETING" / "CG": Liveness::Running,
     /// Ended at its deadline.
-    Deadline = "DEADLINE" / "DL": Bearing::Ended,
+    Deadline = "DEADLINE" / "DL": Liveness::Ended,
     /// Ended with an exit code other than 0.
-    Failed = "FAILED" / "F": Bearing::Ended,
+    Failed = "FAILED" / "F": Liveness::Ended,
     /// Could not be started on its nodes, and Slurm may requeue it.
-    LaunchFailed = "LAUNCH_FAILED" / "LF": Bearing::Unclear,
+    LaunchFailed = "LAUNCH_FAILED" / "LF": Liveness::Unclear,
     /// Ended because one of its nodes failed, but its processes may be alive.
-    NodeFail = "NODE_FAIL" / "NF": Bearing::Ended,
+    NodeFail = "NODE_FAIL" / "NF": Liveness::Ended,
     /// Used more memory than it was given.
-    OutOfMemory = "OUT_OF_MEMORY" / "OOM": Bearing::Ended,
+    OutOfMemory = "OUT_OF_MEMORY" / "OOM": Liveness::Ended,
     /// Waits for resources or its turn.
-    Pending = "PENDING" / "PD": Bearing::Waiting,
+    Pending = "PENDING" / "PD": Liveness::Waiting,
     /// Waits for nodes that are being powered up.
-    PowerUpNode = "POWER_UP_NODE" / "PU": Bearing::Waiting,
+    PowerUpNode = "POWER_UP_NODE" / "PU": Liveness::Waiting,
     /// Ended to make room for another job.
-    Preempted = "PREEMPTED" / "PR": Bearing::Ended,
+    Preempted = "PREEMPTED" / "PR": Liveness::Ended,
     /// Waits because its nodes could not be reconfigured, and Slurm may requeue it.
-    ReconfigFail = "RECONFIG_FAIL" / "RCF": Bearing::Unclear,
+    ReconfigFail = "RECONFIG_FAIL" / "RCF": Liveness::Unclear,
     /// Runs on its nodes.
-    Running = "RUNNING" / "R": Bearing::Running,
+    Running = "RUNNING" / "R": Liveness::Running,
     /// Held because its reservation was deleted.
-    ResvDelHold = "RESV_DEL_HOLD" / "RD": Bearing::Waiting,
+    ResvDelHold = "RESV_DEL_HOLD" / "RD": Liveness::Waiting,
     /// Is being requeued by a federation.
-    RequeueFed = "REQUEUE_FED" / "RF": Bearing::Waiting,
+    RequeueFed = "REQUEUE_FED" / "RF": Liveness::Waiting,
     /// Queued again after a run, and held until a person releases it.
-    RequeueHold = "REQUEUE_HOLD" / "RH": Bearing::Waiting,
+    RequeueHold = "REQUEUE_HOLD" / "RH": Liveness::Waiting,
     /// Ending, to be queued again under the same number.
-    Requeued = "REQUEUED" / "RQ": Bearing::Waiting,
+    Requeued = "REQUEUED" / "RQ": Liveness::Waiting,
     /// Is about to change its size.
-    Resizing = "RESIZING" / "RS": Bearing::Running,
+    Resizing = "RESIZING" / "RS": Liveness::Running,
     /// Taken over by another cluster of a federation.
-    Revoked = "REVOKED" / "RV": Bearing::Unclear,
+    Revoked = "REVOKED" / "RV": Liveness::Unclear,
     /// Receives a signal from Slurm while it runs.
-    Signaling = "SIGNALING" / "SI": Bearing::Running,
+    Signaling = "SIGNALING" / "SI": Liveness::Running,
     /// Requeued in a special state, held.
-    SpecialExit = "SPECIAL_EXIT" / "SE": Bearing::Waiting,
+    SpecialExit = "SPECIAL_EXIT" / "SE": Liveness::Waiting,
     /// Is staging out files.
-    StageOut = "STAGE_OUT" / "SO": Bearing::Running,
+    StageOut = "STAGE_OUT" / "SO": Liveness::Running,
     /// Stopped by SIGSTOP, but keeps its cores.
-    Stopped = "STOPPED" / "ST": Bearing::Running,
+    Stopped = "STOPPED" / "ST": Liveness::Running,
     /// Suspended, with its cores given to other jobs.
-    Suspended = "SUSPENDED" / "S": Bearing::Running,
+    Suspended = "SUSPENDED" / "S": Liveness::Running,
     /// Ended at its time limit.
-    Timeout = "TIMEOUT" / "TO": Bearing::Ended,
+    Timeout = "TIMEOUT" / "TO": Liveness::Ended,
     /// Is reporting a change to the database.
-    UpdateDb = "UPDATE_DB" / "UD": Bearing::Running,
+    UpdateDb = "UPDATE_DB" / "UD": Liveness::Running,
 }
 
 impl From<String> for SlurmState {
@@ -142,7 +142,7 @@ pub fn cancelled_by(text: &str) -> Option<u32> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Bearing, SlurmState, cancelled_by};
+    use super::{Liveness, SlurmState, cancelled_by};
 
     #[test]
     fn names_are_read_as_they_are_written() {
@@ -164,9 +164,9 @@ mod tests {
         let state = SlurmState::parse("TELEPORTED");
         assert_eq!(
             (state.as_str(), state.bearing()),
-            ("TELEPORTED", Bearing::Unclear)
+            ("TELEPORTED", Liveness::Unclear)
         );
-        assert_eq!(SlurmState::parse("").bearing(), Bearing::Unclear);
+        assert_eq!(SlurmState::parse("").bearing(), Liveness::Unclear);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::differential_evolution::{
-    DifferentialEvolution, Ending, Outcome, Settings, Stage, Updating,
+    DifferentialEvolution, Outcome, Settings, Stage, StopReason, Updating,
 };
 use cardiotwin_calibrate::lbfgsb::{self, Lbfgsb};
 use cardiotwin_calibrate::statistics::median;
@@ -136,7 +136,7 @@ fn compare(name: &str, updating: Updating) {
         .count();
     let converged = ours
         .iter()
-        .filter(|o| o.ending == Ending::Converged)
+        .filter(|o| o.ending == StopReason::Converged)
         .count();
     let converged_theirs = theirs.converged.iter().filter(|c| **c).count();
     let evolution = median(&without_polish(&n, &n_polish));

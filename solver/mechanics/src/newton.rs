@@ -50,7 +50,7 @@ pub struct NewtonSettings {
     /// Share of its volume below which no element may shrink in a step; such a step is halved.
     pub smallest_volume_ratio: f64,
     /// Whether the tangent is taken at the nodal pressures that the last iteration foresaw ([`crate::step::StepSettings`]).
-    pub foresee_pressures: bool,
+    pub mixed_newton: bool,
     /// Solver of the linear systems.
     pub linear: LinearSolver,
     /// Tolerance and limits of the Krylov method.
@@ -65,7 +65,7 @@ impl Default for NewtonSettings {
             max_halvings: 6,
             largest_growth: 1e3,
             smallest_volume_ratio: 0.1,
-            foresee_pressures: true,
+            mixed_newton: true,
             linear: LinearSolver::Direct,
             krylov: KrylovSettings {
                 relative_tolerance: 1e-6,
@@ -161,7 +161,7 @@ pub trait System {
     fn linearise(&mut self, u: &mut [f64], r: &mut [f64], tangent: &mut CondensedMatrix);
 
     /// Lets the next derivative be that at the nodal pressures which a step of `change` from the last one would have to first
-    /// order, if [`NewtonSettings::foresee_pressures`] asks for it. Does nothing by default. Collective.
+    /// order, if [`NewtonSettings::mixed_newton`] asks for it. Does nothing by default. Collective.
     fn foresee(&mut self, change: &mut [f64], tangent: &CondensedMatrix) {
         let _ = (change, tangent);
     }
@@ -255,7 +255,7 @@ pub fn solve(
             halvings += 1;
         }
         report.halvings += halvings;
-        if settings.foresee_pressures {
+        if settings.mixed_newton {
             step.iter_mut().for_each(|x| *x *= share);
             system.foresee(&mut step, &workspace.tangent);
         }

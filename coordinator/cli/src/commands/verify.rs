@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use cardiotwin_engine::{self as engine, Standing, VerifiedFile};
+use cardiotwin_engine::{self as engine, FileState, VerifiedFile};
 use clap::Args;
 use serde::Serialize;
 
@@ -44,7 +44,7 @@ pub async fn execute(args: &VerifyArgs, talk: &Talk) -> Result<Exit, CliError> {
     let files = engine::verify(&folders.run).await?;
     let differ: Vec<&VerifiedFile> = files
         .iter()
-        .filter(|file| file.standing != Standing::AsStored)
+        .filter(|file| file.standing != FileState::AsStored)
         .collect();
     if args.json {
         talk.json(&Answer {
@@ -93,10 +93,10 @@ fn table(files: &[&VerifiedFile], run: &Path, talk: &Talk) -> String {
 /// Numbers in words, such as `3 files checked: 2 as stored, 1 changed`.
 fn counted(files: &[VerifiedFile]) -> String {
     let all = [
-        Standing::AsStored,
-        Standing::Changed,
-        Standing::Missing,
-        Standing::Unreadable,
+        FileState::AsStored,
+        FileState::Changed,
+        FileState::Missing,
+        FileState::Unreadable,
     ];
     let parts: Vec<String> = all
         .into_iter()
@@ -106,7 +106,7 @@ fn counted(files: &[VerifiedFile]) -> String {
                 files.iter().filter(|file| file.standing == one).count(),
             )
         })
-        .filter(|(one, n)| *n > 0 || *one == Standing::AsStored)
+        .filter(|(one, n)| *n > 0 || *one == FileState::AsStored)
         .map(|(one, n)| format!("{n} {}", one.as_str()))
         .collect();
     format!(

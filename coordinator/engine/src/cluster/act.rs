@@ -11,7 +11,7 @@ use cardiotwin_slurm::commands::{self, Command};
 use super::Cluster;
 use super::decide::{Effect, EffectResult, SubmissionResult};
 use super::order::script_of;
-use crate::dispatch::{self, Evidence};
+use crate::dispatch::{self, AttemptFindings};
 use crate::{EngineError, overlay, requests};
 
 impl<S: Scheduler> Cluster<S> {
@@ -95,7 +95,7 @@ impl<S: Scheduler> Cluster<S> {
     }
 
     /// Revokes an attempt that is not wanted any more. Returns an outcome that was published first.
-    fn stop(&self, attempt: &AttemptId) -> Result<Option<Evidence>, EngineError> {
+    fn stop(&self, attempt: &AttemptId) -> Result<Option<AttemptFindings>, EngineError> {
         let directory = self.directory(attempt);
         // An attempt that never began is revoked as well, so that no driver begins it.
         std::fs::create_dir_all(&directory).map_err(|source| EngineError::File {

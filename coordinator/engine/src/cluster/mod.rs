@@ -23,7 +23,7 @@ mod order;
 mod place;
 mod preview;
 mod profile;
-mod share;
+mod resources;
 #[cfg(test)]
 mod tests;
 mod waiting;
@@ -59,7 +59,7 @@ pub use disk_need::DiskNeed;
 pub use examine::{QueueReport, SiteReport, examine_site};
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
-pub use share::{NoQueue, without_queue};
+pub use resources::{NoQueue, without_queue};
 
 /// A run whose tasks are jobs of a cluster: the state of its decisions, and what looks and acts for
 /// them.

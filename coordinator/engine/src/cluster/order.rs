@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use cardiotwin_schemas::allocation::{JobOrder, JobPatient, KnownTask, Standing};
+use cardiotwin_schemas::allocation::{JobOrder, JobPatient, KnownTask, KnownTaskState};
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_slurm::access::folder::JobFolder;
@@ -77,14 +77,16 @@ fn known_tasks(books: &Books, i: usize) -> Vec<KnownTask> {
     let known = |key: &&cardiotwin_schemas::ids::TaskKey| {
         let (generation, standing) = match &books.task(key)?.state {
             Task::Open { generation: 0, .. } => return None,
-            Task::Open { generation, .. } => (*generation, Standing::Open),
-            Task::Published { generation } => (*generation, Standing::Published),
+            Task::Open { generation, .. } => (*generation, KnownTaskState::Open),
+            Task::Published { generation } => (*generation, KnownTaskState::Published),
             Task::Failed {
                 generation,
                 failure,
-            } => (*generation, Standing::Failed(failure.clone())),
+            } => (*generation, KnownTaskState::Failed(failure.clone())),
             // Another patient's driver works at it; this driver finds the attempt by its directory.
-            Task::Attempting { generation, .. } => (generation.saturating_sub(1), Standing::Open),
+            Task::Attempting { generation, .. } => {
+                (generation.saturating_sub(1), KnownTaskState::Open)
+            }
         };
         Some(KnownTask {
             task: (*key).clone(),

@@ -7,12 +7,12 @@ use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_slurm::answers::queue::QueueRow;
 use cardiotwin_slurm::plan::{self, Choices, InUse, Simulation, Sweep};
 use cardiotwin_slurm::site::{Queue, Site, Unit};
-use cardiotwin_slurm::state::Bearing;
+use cardiotwin_slurm::state::Liveness;
 use cardiotwin_store::cluster_jobs::{Allotment, JobSpec, Placed};
 
 use super::expect::Expectations;
 use super::profile::overhead_s;
-use super::share::Share;
+use super::resources::ResourceRequest;
 use crate::EngineError;
 use crate::books::Books;
 
@@ -32,7 +32,7 @@ pub struct PlannedJob {
 /// Key of a group of patients whose jobs get the same resources.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct JobGroupKey {
-    share: Share,
+    share: ResourceRequest,
     memory_mib: Option<u64>,
     lanes: Option<u32>,
     exclude: Vec<String>,
@@ -49,8 +49,8 @@ pub fn in_use(queue: &Queue, rows: &[QueueRow], intended: u32) -> InUse {
         .filter(|row| queue.qos.as_ref().is_none_or(|qos| row.qos == *qos))
     {
         let bearing = row.state.bearing();
-        used.queued += u32::from(bearing != Bearing::Ended);
-        if bearing == Bearing::Running {
+        used.queued += u32::from(bearing != Liveness::Ended);
+        if bearing == Liveness::Running {
             used.running += 1;
             used.nodes += row.n_nodes.unwrap_or(1);
             used.cores += row.n_cores.unwrap_or(1);
@@ -83,7 +83,7 @@ pub fn plan_jobs(
         } = books.jobs().allotment(books.patient(i).row.id);
         let mesh_nodes = expected.mesh_nodes(plan);
         let like = JobGroupKey {
-            share: Share::of(plan, mesh_nodes, site, settings, ranks_per_node),
+            share: ResourceRequest::of(plan, mesh_nodes, site, settings, ranks_per_node),
             memory_mib,
             lanes,
             exclude,

@@ -9,7 +9,7 @@ use crate::mesh_size;
 
 /// Share of a cluster that each simulation of a patient takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Share {
+pub(super) struct ResourceRequest {
     pub in_3d: bool,
     /// Threads or MPI ranks.
     pub threads: u32,
@@ -17,7 +17,7 @@ pub(super) struct Share {
     pub ranks_per_node: Option<u32>,
 }
 
-impl Share {
+impl ResourceRequest {
     /// - `mesh_nodes`: number of nodes of the patient's mesh
     /// - `ranks_per_node`: largest number of ranks on a node after earlier simulations ran out of
     ///   memory, in place of the setting
@@ -142,7 +142,7 @@ pub fn without_queue<'a>(
     settings: &ExecutorSettings,
 ) -> Option<NoQueue> {
     plans.into_iter().find_map(|plan| {
-        let share = Share::of(plan, mesh_size::nodes(plan), site, settings, None);
+        let share = ResourceRequest::of(plan, mesh_size::nodes(plan), site, settings, None);
         share.queue(site, settings).err()
     })
 }

@@ -21,7 +21,7 @@ use cardiotwin_workflow::task::{Task, TaskEvent};
 use super::purged::Inputs;
 use super::{Circumstance, Decider, Undecided};
 use crate::books::{Books, TaskEntry};
-use crate::dispatch::Evidence;
+use crate::dispatch::AttemptFindings;
 use crate::program_identity::{self, DECIDED_BY};
 use crate::{EngineError, EngineEvent, PatientEnding, settings};
 
@@ -374,24 +374,24 @@ impl Decider {
         &mut self,
         books: &mut Books,
         attempt: &AttemptId,
-        evidence: Evidence,
+        evidence: AttemptFindings,
         circumstance: Circumstance,
     ) -> Result<(), EngineError> {
         let Some(task) = books.task(&attempt.task) else {
             return Ok(());
         };
         let (how, outcome) = match evidence {
-            Evidence::Outcome { outcome, text } => {
+            AttemptFindings::Outcome { outcome, text } => {
                 (judge(attempt, &task.kind, &outcome), Some((outcome, text)))
             }
-            Evidence::Nothing { .. } if circumstance == Circumstance::Excused => {
+            AttemptFindings::Nothing { .. } if circumstance == Circumstance::Excused => {
                 (AttemptEnding::Interrupted, None)
             }
-            Evidence::Nothing {
+            AttemptFindings::Nothing {
                 class: FailureClass::Site,
                 reason,
             } => (AttemptEnding::Lost { reason }, None),
-            Evidence::Nothing { class, reason } => {
+            AttemptFindings::Nothing { class, reason } => {
                 let failure = cardiotwin_schemas::failure::Failure::new(class, reason);
                 (AttemptEnding::Failed { failure }, None)
             }

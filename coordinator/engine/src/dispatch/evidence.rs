@@ -15,7 +15,7 @@ use cardiotwin_schemas::outcome::{Revocation, TaskOutcome};
 use cardiotwin_slurm::judgement;
 use cardiotwin_store::clock;
 
-use super::{DispatchError, Evidence};
+use super::{AttemptFindings, DispatchError};
 
 /// Larger artefacts are hashed where a later task reads them: hashing them here would hold up a
 /// coordinator that has hundreds of results to adopt.
@@ -31,7 +31,7 @@ fn file(what: &'static str, path: &Path) -> impl FnOnce(io::Error) -> DispatchEr
 ///
 /// # Errors
 /// [`DispatchError::File`] if the directory cannot be read.
-pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
+pub fn outcome(directory: &Path) -> Result<Option<AttemptFindings>, DispatchError> {
     let path = directory.join(names::OUTCOME);
     match closing::read(directory).map_err(file("read", &path))? {
         Closing::Published(text) => Ok(Some(evidence_of(directory, text))),
@@ -39,7 +39,7 @@ pub fn outcome(directory: &Path) -> Result<Option<Evidence>, DispatchError> {
     }
 }
 
-fn evidence_of(directory: &Path, text: String) -> Evidence {
+fn evidence_of(directory: &Path, text: String) -> AttemptFindings {
     let path = directory.join(names::OUTCOME);
     let read = formats::OUTCOME.read(&path.display(), text.as_bytes());
     let outcome: TaskOutcome = match read {
@@ -47,19 +47,19 @@ fn evidence_of(directory: &Path, text: String) -> Evidence {
         // Outcomes appear complete or not at all, so that half an outcome is a defect of the
         // program.
         Err(error) => {
-            return Evidence::Nothing {
+            return AttemptFindings::Nothing {
                 class: FailureClass::Bug,
                 reason: error.in_full(),
             };
         }
     };
     if let Some(reason) = damage(directory, &outcome, &text) {
-        return Evidence::Nothing {
+        return AttemptFindings::Nothing {
             class: FailureClass::Site,
             reason,
         };
     }
-    Evidence::Outcome {
+    AttemptFindings::Outcome {
         outcome: Box::new(outcome),
         text,
     }
@@ -121,7 +121,7 @@ pub fn revoke(
     directory: &Path,
     attempt: &AttemptId,
     reason: &str,
-) -> Result<Option<Evidence>, DispatchError> {
+) -> Result<Option<AttemptFindings>, DispatchError> {
     let revocation = Revocation {
         schema_version: formats::REVOCATION.version,
         attempt: attempt.clone(),
@@ -207,8 +207,8 @@ mod tests {
     /// The reason why the outcome is refused; `None` for an outcome that is adopted.
     fn refused(directory: &Path) -> Option<String> {
         match outcome(directory).unwrap().expect("it was published") {
-            Evidence::Outcome { .. } => None,
-            Evidence::Nothing { class, reason } => {
+            AttemptFindings::Outcome { .. } => None,
+            AttemptFindings::Nothing { class, reason } => {
                 assert_eq!(class, FailureClass::Site, "{reason}");
                 Some(reason)
             }
@@ -256,7 +256,7 @@ mod tests {
         assert!(
             outcome(folder.path())
                 .unwrap()
-                .is_some_and(|evidence| matches!(evidence, Evidence::Nothing { .. }))
+                .is_some_and(|evidence| matches!(evidence, AttemptFindings::Nothing { .. }))
         );
         fs::write(&file, sound.replace("\"bytes\": 3", "\"bytes\":  3")).unwrap();
         let said = refused(folder.path()).expect("it was edited");

@@ -14,7 +14,7 @@ use cardiotwin_schemas::task::TaskSpec;
 use cardiotwin_store::clock;
 use tokio::sync::mpsc;
 
-use super::{DispatchError, Evidence, Executor, Found, News, Order};
+use super::{AttemptFindings, DispatchError, Executor, Found, News, Order};
 
 /// Most results that one call of [`Executor::news`] returns. They are committed together.
 const LARGEST_GROUP: usize = 2048;
@@ -63,7 +63,7 @@ impl InProcess {
         let text = serde_json::to_string(&outcome).expect("an outcome is JSON");
         News::Ended {
             attempt,
-            evidence: Evidence::Outcome {
+            evidence: AttemptFindings::Outcome {
                 outcome: Box::new(outcome),
                 text,
             },

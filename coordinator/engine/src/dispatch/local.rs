@@ -29,7 +29,7 @@ use tokio::sync::mpsc;
 use super::evidence;
 use super::launcher::{Launcher, Place, Places, SessionFolder};
 use super::process::{signal_group, signal_process};
-use super::{DispatchError, Evidence, Executor, Found, News, Order};
+use super::{AttemptFindings, DispatchError, Executor, Found, News, Order};
 
 /// Interval at which orphans and stopped workers are checked.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -189,7 +189,7 @@ impl Local {
                 return Ok(Some(News::Alive { attempt, claim }));
             }
             Found::Over {
-                evidence: found @ Evidence::Outcome { .. },
+                evidence: found @ AttemptFindings::Outcome { .. },
                 claim,
             } => News::Ended {
                 attempt: attempt.clone(),
@@ -275,7 +275,7 @@ impl Local {
     /// State of an attempt without a living process. Only now can the absence of an outcome be
     /// trusted, because no process is left to write one.
     fn over(&self, directory: &Path, claim: Option<Claim>) -> Result<Found, DispatchError> {
-        let evidence = evidence::outcome(directory)?.unwrap_or_else(|| Evidence::Nothing {
+        let evidence = evidence::outcome(directory)?.unwrap_or_else(|| AttemptFindings::Nothing {
             class: FailureClass::Site,
             reason: with_last_words("the worker ended without an outcome", directory),
         });
@@ -358,7 +358,7 @@ impl Running {
 }
 
 /// Evidence about a worker that left no outcome.
-fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
+fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> AttemptFindings {
     let (class, reason) = match status {
         Ok(status) => match (status.signal(), status.code()) {
             (Some(6), _) => (
@@ -387,7 +387,7 @@ fn verdict(directory: &Path, status: &std::io::Result<ExitStatus>) -> Evidence {
             format!("cannot wait for the worker: {error}"),
         ),
     };
-    Evidence::Nothing {
+    AttemptFindings::Nothing {
         class,
         reason: with_last_words(&reason, directory),
     }
@@ -407,7 +407,7 @@ fn told(result: Result<Vec<News>, DispatchError>, attempt: Option<AttemptId>) ->
             let reason = error.to_string();
             vec![News::Ended {
                 attempt,
-                evidence: Evidence::Nothing {
+                evidence: AttemptFindings::Nothing {
                     class: FailureClass::Site,
                     reason,
                 },
@@ -571,7 +571,10 @@ mod tests {
             let Found::Over { evidence, .. } = found else {
                 panic!("{found:?}")
             };
-            assert_eq!(matches!(evidence, Evidence::Outcome { .. }), is_first);
+            assert_eq!(
+                matches!(evidence, AttemptFindings::Outcome { .. }),
+                is_first
+            );
         }
     }
 

@@ -40,7 +40,7 @@ pub struct Order {
 
 /// Evidence of how an attempt ended.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Evidence {
+pub enum AttemptFindings {
     /// An outcome that the attempt's worker published in its directory.
     Outcome {
         /// Content of `outcome.json`.
@@ -72,7 +72,7 @@ pub enum News {
         /// Id of the attempt.
         attempt: AttemptId,
         /// Outcome, or the reason for its absence.
-        evidence: Evidence,
+        evidence: AttemptFindings,
         /// Claim on the attempt, if it was claimed.
         claim: Option<Claim>,
     },
@@ -91,7 +91,7 @@ pub enum Found {
     /// The attempt is over.
     Over {
         /// Outcome, or the reason for its absence.
-        evidence: Evidence,
+        evidence: AttemptFindings,
         /// Claim on the attempt, if it was claimed.
         claim: Option<Claim>,
     },

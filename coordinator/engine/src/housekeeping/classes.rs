@@ -76,7 +76,7 @@ impl Class {
 
 /// State of an attempt's task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
+pub enum Retention {
     /// The database has no such task.
     Foreign,
     /// The attempt is not over, so a worker may be using its files.
@@ -143,8 +143,8 @@ fn first(file: &Path) -> &str {
 
 /// Whether `clean` may remove a file of an attempt.
 #[must_use]
-pub fn is_removable(class: Class, standing: Standing, with_series: bool) -> bool {
-    matches!(standing, Standing::Settled | Standing::Aborted)
+pub fn is_removable(class: Class, standing: Retention, with_series: bool) -> bool {
+    matches!(standing, Retention::Settled | Retention::Aborted)
         && (class == Class::Scratch || (with_series && class == Class::Series))
 }
 
@@ -187,7 +187,7 @@ mod tests {
         fn nothing_is_removed_that_somebody_needs(
             names in proptest::collection::vec("(checkpoint/|external/|vtu/|)[a-z]{1,6}(\\.csv|\\.json|\\.bin|)", 0..12),
             named in proptest::collection::vec(any::<bool>(), 12),
-            standing in prop_oneof![Just(Standing::Foreign), Just(Standing::InUse), Just(Standing::Unsettled), Just(Standing::Aborted), Just(Standing::Settled)],
+            standing in prop_oneof![Just(Retention::Foreign), Just(Retention::InUse), Just(Retention::Unsettled), Just(Retention::Aborted), Just(Retention::Settled)],
             with_series in any::<bool>(),
         ) {
             let artefacts: HashSet<String> =
@@ -196,7 +196,7 @@ mod tests {
                 let class = of_attempt(Path::new(name), &artefacts);
                 let removed = is_removable(class, standing, with_series);
                 prop_assert!(!(removed && (artefacts.contains(name) || RECORD.contains(&name))), "{name} was needed");
-                prop_assert!(!(removed && [Standing::Foreign, Standing::InUse, Standing::Unsettled].contains(&standing)), "{name} of {standing:?}");
+                prop_assert!(!(removed && [Retention::Foreign, Retention::InUse, Retention::Unsettled].contains(&standing)), "{name} of {standing:?}");
                 prop_assert!(!(removed && name.starts_with("vtu/") && !with_series), "{name} was not asked for");
             }
         }

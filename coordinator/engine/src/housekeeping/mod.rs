@@ -21,7 +21,7 @@ use serde::Serialize;
 use cardiotwin_workflow::patient::Patient;
 use cardiotwin_workflow::task::Task;
 pub use classes::Class;
-use classes::Standing;
+use classes::Retention;
 
 use super::books::{ATTEMPTS, Books, attempt_directory};
 use super::{EngineError, enter_with_lease};
@@ -80,8 +80,8 @@ struct Entry {
     file: PathBuf,
     bytes: u64,
     class: Class,
-    /// Standing of the file's attempt; [`Standing::Foreign`] for a file outside of attempts.
-    standing: Standing,
+    /// Standing of the file's attempt; [`Retention::Foreign`] for a file outside of attempts.
+    standing: Retention,
 }
 
 /// Digits of a task's key in the names of its attempts' directories.
@@ -90,7 +90,7 @@ fn digits(task: &TaskKey) -> &str {
 }
 
 /// Standing of tasks and attempts, by the names of their directories.
-struct Standings {
+struct Retentions {
     /// Whether the task has a result, by the first 16 digits of its key.
     settled: HashMap<String, bool>,
     /// Tasks of patients that are not done, by the first digits of their keys.
@@ -102,7 +102,7 @@ struct Standings {
     results: HashMap<PathBuf, HashSet<String>>,
 }
 
-impl Standings {
+impl Retentions {
     async fn read(run_dir: &Path) -> Result<Self, EngineError> {
         let books = Books::new(run_dir, Writer::look(run_dir).await?, clock::now_ms())?;
         let settled = books.tasks().iter().map(|(key, task)| {
@@ -146,15 +146,15 @@ impl Standings {
     }
 
     /// - `attempt`: path relative to the run's folder
-    fn standing(&self, attempt: &Path) -> Standing {
+    fn standing(&self, attempt: &Path) -> Retention {
         let name = attempt.file_name().unwrap_or_default().to_string_lossy();
         let task = name.split("-g").next().unwrap_or_default();
         match self.settled.get(task) {
-            None => Standing::Foreign,
-            Some(_) if self.in_use.contains(attempt) => Standing::InUse,
-            Some(true) => Standing::Settled,
-            Some(false) if self.needed.contains(task) => Standing::Unsettled,
-            Some(false) => Standing::Aborted,
+            None => Retention::Foreign,
+            Some(_) if self.in_use.contains(attempt) => Retention::InUse,
+            Some(true) => Retention::Settled,
+            Some(false) if self.needed.contains(task) => Retention::Unsettled,
+            Some(false) => Retention::Aborted,
         }
     }
 }
@@ -199,7 +199,7 @@ fn walk(root: &Path, folder: &Path, found: &mut Vec<(PathBuf, u64)>) -> Result<(
     Ok(())
 }
 
-fn entries(run_dir: &Path, standings: &Standings) -> Result<Vec<Entry>, EngineError> {
+fn entries(run_dir: &Path, standings: &Retentions) -> Result<Vec<Entry>, EngineError> {
     let mut files = vec![];
     walk(run_dir, run_dir, &mut files)?;
     files.sort();
@@ -231,7 +231,7 @@ fn entries(run_dir: &Path, standings: &Standings) -> Result<Vec<Entry>, EngineEr
                 standings.standing(&attempt),
             )
         } else {
-            (classes::of_run(&file), Standing::Foreign)
+            (classes::of_run(&file), Retention::Foreign)
         };
         entries.push(Entry {
             file,
@@ -261,7 +261,7 @@ fn artefacts_of(attempt: &Path) -> HashSet<String> {
 /// # Errors
 /// [`EngineError`] if the store or a folder cannot be read.
 pub async fn disk_usage(run_dir: &Path) -> Result<DiskUsage, EngineError> {
-    let standings = Standings::read(run_dir).await?;
+    let standings = Retentions::read(run_dir).await?;
     let mut usage = DiskUsage::default();
     for entry in entries(run_dir, &standings)? {
         usage
@@ -295,7 +295,7 @@ pub async fn clean(
     } else {
         Some(enter_with_lease(run_dir)?)
     };
-    let standings = Standings::read(run_dir).await?;
+    let standings = Retentions::read(run_dir).await?;
     let mut cleaned = Cleaned::default();
     for entry in entries(run_dir, &standings)? {
         if !classes::is_removable(entry.class, entry.standing, with_series) {
@@ -339,7 +339,7 @@ pub async fn archive(
         return Err(EngineError::Request { message });
     }
     let _held = enter_with_lease(run_dir)?;
-    let standings = Standings::read(run_dir).await?;
+    let standings = Retentions::read(run_dir).await?;
     let draft = target.with_file_name(format!(
         "{}.part",
         target.file_name().unwrap_or_default().to_string_lossy()

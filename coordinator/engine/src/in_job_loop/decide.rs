@@ -9,13 +9,13 @@ use cardiotwin_workflow::attempt::AttemptEnding;
 use cardiotwin_workflow::derivation::{self, Next, Teaching};
 use cardiotwin_workflow::judge::judge;
 
-use super::{Errand, Existing, InJobLoop, Sight, Wanted};
+use super::{Existing, FileRequest, InJobLoop, Observation, Wanted};
 use crate::StopLevel;
-use crate::dispatch::{Evidence, Executor, News};
+use crate::dispatch::{AttemptFindings, Executor, News};
 
 impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     /// Decides what follows from an observation.
-    pub(super) fn take_up(&mut self, seen: Sight) {
+    pub(super) fn take_up(&mut self, seen: Observation) {
         (self.is_fenced, self.now_ms) = (seen.is_fenced, seen.now_ms);
         self.leave_if_told(seen.stop, seen.is_warned);
         for patient in seen.taken {
@@ -31,7 +31,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
             }
         }
         for (attempt, why) in seen.hung {
-            self.errands.push(Errand::Stop {
+            self.errands.push(FileRequest::Stop {
                 attempt: attempt.clone(),
                 by_force: true,
             });
@@ -67,14 +67,15 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
             None
         };
         if self.leaving == Some(DriverEnding::Stopped) {
-            self.errands.push(Errand::NoteAskedToEnd);
+            self.errands.push(FileRequest::NoteAskedToEnd);
         }
         if self.leaving.is_some() {
             let running = self.running.keys().cloned();
-            self.errands.extend(running.map(|attempt| Errand::Stop {
-                attempt,
-                by_force: false,
-            }));
+            self.errands
+                .extend(running.map(|attempt| FileRequest::Stop {
+                    attempt,
+                    by_force: false,
+                }));
         }
     }
 
@@ -89,7 +90,8 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         }
         let room = room.saturating_sub(self.wanted.len());
         let n = room.min(self.queue.len());
-        self.errands.extend(self.queue.drain(..n).map(Errand::Take));
+        self.errands
+            .extend(self.queue.drain(..n).map(FileRequest::Take));
     }
 
     /// Whether an activity of this duration would exceed the remaining time.
@@ -142,7 +144,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
                 patients,
             },
         );
-        self.errands.push(Errand::Begin(attempt));
+        self.errands.push(FileRequest::Begin(attempt));
     }
 
     /// Why no task of this kind may begin.
@@ -173,7 +175,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     fn take_over(&mut self, attempt: &AttemptId, existing: Existing) {
         if existing.is_revoked {
             // An attempt that is revoked has no outcome, now or later.
-            self.errands.push(Errand::Revoke(attempt.clone()));
+            self.errands.push(FileRequest::Revoke(attempt.clone()));
             return;
         }
         if let Some(evidence) = existing.evidence {
@@ -189,8 +191,8 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     }
 
     /// Adopts the result of an attempt that another job has begun.
-    fn adopt(&mut self, attempt: &AttemptId, evidence: Evidence) {
-        let is_cancelled = matches!(&evidence, Evidence::Outcome { outcome, .. }
+    fn adopt(&mut self, attempt: &AttemptId, evidence: AttemptFindings) {
+        let is_cancelled = matches!(&evidence, AttemptFindings::Outcome { outcome, .. }
             if matches!(outcome.ending, Ending::Cancelled));
         if is_cancelled {
             self.go_past(attempt);
@@ -217,14 +219,16 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         wanted.map(|wanted| wanted.patients).unwrap_or_default()
     }
 
-    fn ended(&mut self, attempt: &AttemptId, mut evidence: Evidence) {
+    fn ended(&mut self, attempt: &AttemptId, mut evidence: AttemptFindings) {
         self.watch.ended(attempt, &mut evidence);
         let Some(waiters) = self.running.remove(attempt) else {
             return;
         };
         let (reason, is_defect) = match &evidence {
-            Evidence::Nothing { reason, class } => (reason.clone(), *class == FailureClass::Bug),
-            Evidence::Outcome { .. } => ("its worker was stopped".to_owned(), false),
+            AttemptFindings::Nothing { reason, class } => {
+                (reason.clone(), *class == FailureClass::Bug)
+            }
+            AttemptFindings::Outcome { .. } => ("its worker was stopped".to_owned(), false),
         };
         let kind = self.ledger.kind(&attempt.task);
         let is_settled = self.settle(attempt, &kind, evidence);
@@ -250,10 +254,12 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
     }
 
     /// Records the end of an attempt in the ledger. Returns whether it settled its task.
-    fn settle(&mut self, attempt: &AttemptId, kind: &str, evidence: Evidence) -> bool {
+    fn settle(&mut self, attempt: &AttemptId, kind: &str, evidence: AttemptFindings) -> bool {
         let (how, outcome) = match evidence {
-            Evidence::Outcome { outcome, .. } => (judge(attempt, kind, &outcome), Some(*outcome)),
-            Evidence::Nothing { reason, .. } => (AttemptEnding::Lost { reason }, None),
+            AttemptFindings::Outcome { outcome, .. } => {
+                (judge(attempt, kind, &outcome), Some(*outcome))
+            }
+            AttemptFindings::Nothing { reason, .. } => (AttemptEnding::Lost { reason }, None),
         };
         self.ledger.ended(attempt, how, outcome)
     }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use cardiotwin_schemas::allocation::{JobOrder, Standing};
+use cardiotwin_schemas::allocation::{JobOrder, KnownTaskState};
 use cardiotwin_schemas::failure::FailureClass;
 use cardiotwin_schemas::ids::{AttemptId, TaskKey};
 use cardiotwin_schemas::outcome::TaskOutcome;
@@ -12,11 +12,11 @@ use cardiotwin_workflow::derivation::Settled;
 use cardiotwin_workflow::task::{Task, TaskEvent};
 
 use crate::books::{attempt_directory, settled};
-use crate::dispatch::{self, Evidence};
+use crate::dispatch::{self, AttemptFindings};
 
 /// States and outcomes of tasks, as far as a driver knows them.
 #[derive(Debug, Default)]
-pub struct Ledger {
+pub struct JobBooks {
     run_dir: PathBuf,
     tasks: HashMap<TaskKey, Entry>,
 }
@@ -28,7 +28,7 @@ struct Entry {
     kind: String,
 }
 
-impl Ledger {
+impl JobBooks {
     pub fn new(order: &JobOrder) -> Self {
         let mut ledger = Self {
             run_dir: order.run_dir.clone(),
@@ -37,33 +37,34 @@ impl Ledger {
         for known in order.patients.iter().flat_map(|patient| &patient.known) {
             let generation = known.generation;
             let (state, outcome) = match &known.standing {
-                Standing::Open => (
+                KnownTaskState::Open => (
                     Task::Open {
                         generation,
                         site_failures: 0,
                     },
                     None,
                 ),
-                Standing::Failed(failure) => (
+                KnownTaskState::Failed(failure) => (
                     Task::Failed {
                         generation,
                         failure: failure.clone(),
                     },
                     None,
                 ),
-                Standing::Published => match read_outcome(&ledger.run_dir, &known.task, generation)
-                {
-                    Some(outcome) => (Task::Published { generation }, Some(outcome)),
-                    // The files of the result are gone, so it is computed once more under a further
-                    // generation.
-                    None => (
-                        Task::Open {
-                            generation,
-                            site_failures: 0,
-                        },
-                        None,
-                    ),
-                },
+                KnownTaskState::Published => {
+                    match read_outcome(&ledger.run_dir, &known.task, generation) {
+                        Some(outcome) => (Task::Published { generation }, Some(outcome)),
+                        // The files of the result are gone, so it is computed once more under a further
+                        // generation.
+                        None => (
+                            Task::Open {
+                                generation,
+                                site_failures: 0,
+                            },
+                            None,
+                        ),
+                    }
+                }
             };
             ledger.tasks.insert(
                 known.task.clone(),
@@ -157,7 +158,7 @@ fn read_outcome(run_dir: &Path, task: &TaskKey, generation: u32) -> Option<TaskO
         generation,
     };
     match dispatch::outcome(&run_dir.join(attempt_directory(&attempt))) {
-        Ok(Some(Evidence::Outcome { outcome, .. })) => Some(*outcome),
+        Ok(Some(AttemptFindings::Outcome { outcome, .. })) => Some(*outcome),
         _ => None,
     }
 }

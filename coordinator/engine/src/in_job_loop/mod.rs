@@ -7,7 +7,7 @@
 //! its books from them. A task that is expected to exceed the remaining time is not begun.
 
 mod decide;
-mod ledger;
+mod job_books;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::convert::Infallible;
@@ -32,8 +32,8 @@ use super::surroundings::Surroundings;
 use super::turn::{self, Engine};
 use super::watch::Watch;
 use super::{EngineError, StopLevel, StopSignal};
-use crate::dispatch::{self, Evidence, Executor, Launcher, Local, News, Order, Places};
-use ledger::Ledger;
+use crate::dispatch::{self, AttemptFindings, Executor, Launcher, Local, News, Order, Places};
+use job_books::JobBooks;
 
 /// Interval at which fence and clock are checked.
 const TICK: Duration = Duration::from_millis(500);
@@ -98,7 +98,7 @@ pub async fn drive_job<E: Executor>(
     }
     let executor = executor(&order);
     let mut driver = InJobLoop {
-        ledger: Ledger::new(&order),
+        ledger: JobBooks::new(&order),
         queue: (0..order.patients.len()).collect(),
         order,
         place,
@@ -175,7 +175,7 @@ pub async fn drive_here(place: &DriverPlace) -> Result<Option<DriverEnd>, Engine
     drive_job(place, local, stop, is_warned, surroundings).await
 }
 
-/// A driver over its [`Ledger`]. It commits nothing: what it began is found by its directories.
+/// A driver over its [`JobBooks`]. It commits nothing: what it began is found by its directories.
 struct InJobLoop<'a, E, W> {
     order: JobOrder,
     place: &'a DriverPlace,
@@ -185,7 +185,7 @@ struct InJobLoop<'a, E, W> {
     stop: StopSignal,
     /// Returns whether a stop means that the time ran out.
     warned: W,
-    ledger: Ledger,
+    ledger: JobBooks,
     /// Whether the element was revoked when it was last observed.
     is_fenced: bool,
     /// Time of the last observation.
@@ -198,9 +198,9 @@ struct InJobLoop<'a, E, W> {
     running: HashMap<AttemptId, Vec<usize>>,
     watch: Watch,
     /// Errands of the last decision.
-    errands: Vec<Errand>,
+    errands: Vec<FileRequest>,
     /// Results of the last errands, which the next turn observes.
-    met: Vec<Met>,
+    met: Vec<FileAnswer>,
     /// Whether the last turn ran errands after which others may follow at once.
     has_run_errands: bool,
     left: BTreeMap<usize, String>,
@@ -217,7 +217,7 @@ struct Wanted {
 }
 
 /// An errand that a decision asks for.
-enum Errand {
+enum FileRequest {
     /// Take a patient of the element's list, unless another driver has it.
     Take(usize),
     /// Begin a wanted attempt, unless its directory exists.
@@ -231,17 +231,17 @@ enum Errand {
 }
 
 /// Result of an errand.
-enum Met {
+enum FileAnswer {
     /// The patient is this driver's.
     Taken(usize),
     /// The directory of the attempt was there before.
     Existing(AttemptId),
     /// The attempt is revoked, or has published the evidence first.
-    Revoked(AttemptId, Option<Evidence>),
+    Revoked(AttemptId, Option<AttemptFindings>),
 }
 
 /// Observations of workers, directories and signals.
-struct Sight {
+struct Observation {
     now_ms: i64,
     stop: StopLevel,
     is_warned: bool,
@@ -253,7 +253,7 @@ struct Sight {
     hung: Vec<(AttemptId, String)>,
     taken: Vec<usize>,
     existing: Vec<(AttemptId, Existing)>,
-    revoked: Vec<(AttemptId, Option<Evidence>)>,
+    revoked: Vec<(AttemptId, Option<AttemptFindings>)>,
 }
 
 /// An attempt of the wanted generation that another job, or a local worker, has begun.
@@ -263,15 +263,15 @@ struct Existing {
     /// Whether the attempt or its job was revoked.
     is_revoked: bool,
     /// Outcome that it published; `None` before that, and for a revoked attempt.
-    evidence: Option<Evidence>,
+    evidence: Option<AttemptFindings>,
 }
 
 impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
-    type Seen = Sight;
+    type Seen = Observation;
     /// A driver asks nothing: a worker that misses a file says so.
     type Question = Infallible;
 
-    async fn observe(&mut self) -> Result<Sight, EngineError> {
+    async fn observe(&mut self) -> Result<Observation, EngineError> {
         let goes_on = self.running.is_empty() || self.has_run_errands;
         let patience = if goes_on { Duration::ZERO } else { TICK };
         let news = tokio::select! {
@@ -280,7 +280,7 @@ impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
             () = self.stop.raised_above(StopLevel::Run), if self.leaving.is_none() => Vec::new(),
             () = tokio::time::sleep(patience) => Vec::new(),
         };
-        let mut seen = Sight {
+        let mut seen = Observation {
             now_ms: self.surroundings.clock.now_ms(),
             stop: self.stop.level(),
             is_warned: (self.warned)(),
@@ -294,23 +294,23 @@ impl<E: Executor, W: Fn() -> bool> Engine for InJobLoop<'_, E, W> {
         };
         for met in std::mem::take(&mut self.met) {
             match met {
-                Met::Taken(patient) => seen.taken.push(patient),
-                Met::Existing(attempt) => {
+                FileAnswer::Taken(patient) => seen.taken.push(patient),
+                FileAnswer::Existing(attempt) => {
                     let existing = self.examine(&attempt)?;
                     seen.existing.push((attempt, existing));
                 }
-                Met::Revoked(attempt, evidence) => seen.revoked.push((attempt, evidence)),
+                FileAnswer::Revoked(attempt, evidence) => seen.revoked.push((attempt, evidence)),
             }
         }
         Ok(seen)
     }
 
-    fn decide(&mut self, seen: Sight) -> Result<Option<Infallible>, EngineError> {
+    fn decide(&mut self, seen: Observation) -> Result<Option<Infallible>, EngineError> {
         self.take_up(seen);
         Ok(None)
     }
 
-    async fn look(&mut self, question: Infallible) -> Result<Sight, EngineError> {
+    async fn look(&mut self, question: Infallible) -> Result<Observation, EngineError> {
         match question {}
     }
 
@@ -379,30 +379,30 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
         })
     }
 
-    async fn run_errand(&mut self, errand: Errand) -> Result<(), EngineError> {
+    async fn run_errand(&mut self, errand: FileRequest) -> Result<(), EngineError> {
         match errand {
-            Errand::Take(patient) => {
+            FileRequest::Take(patient) => {
                 self.has_run_errands = true;
                 if self.folder.take(self.place.element, patient)? {
                     self.pass("after a patient was taken")?;
-                    self.met.push(Met::Taken(patient));
+                    self.met.push(FileAnswer::Taken(patient));
                 }
             }
-            Errand::Begin(attempt) => {
+            FileRequest::Begin(attempt) => {
                 self.has_run_errands = true;
                 self.begin(attempt).await?;
             }
-            Errand::Revoke(attempt) => {
+            FileRequest::Revoke(attempt) => {
                 self.has_run_errands = true;
                 let reason = format!("superseded by job {}", self.order.job);
                 let evidence = dispatch::revoke(&self.directory(&attempt), &attempt, &reason)?;
                 self.pass("after an attempt was revoked")?;
-                self.met.push(Met::Revoked(attempt, evidence));
+                self.met.push(FileAnswer::Revoked(attempt, evidence));
             }
-            Errand::NoteAskedToEnd => self
+            FileRequest::NoteAskedToEnd => self
                 .folder
                 .note_asked_to_end(self.place.element, self.place.node),
-            Errand::Stop { attempt, by_force } => {
+            FileRequest::Stop { attempt, by_force } => {
                 let directory = self.directory(&attempt);
                 self.executor.stop(&attempt, &directory, by_force)?;
             }
@@ -430,7 +430,7 @@ impl<E: Executor, W: Fn() -> bool> InJobLoop<'_, E, W> {
             id: self.place.id.clone(),
         };
         if !folder::make_attempt(&directory, &spec, &allocation)? {
-            self.met.push(Met::Existing(attempt));
+            self.met.push(FileAnswer::Existing(attempt));
             return Ok(());
         }
         self.pass("after an attempt's directory was made")?;

@@ -10,7 +10,7 @@ use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 
 use super::LocalLoop;
 use crate::books::AttemptEntry;
-use crate::dispatch::{DispatchError, Evidence, Executor, News, Order};
+use crate::dispatch::{AttemptFindings, DispatchError, Executor, News, Order};
 use crate::{EngineError, StopLevel, cores, overlay, requests};
 
 impl<E: Executor> LocalLoop<E> {
@@ -107,7 +107,7 @@ impl<E: Executor> LocalLoop<E> {
                     .attempt_event(attempt, AttemptEvent::Accepted { id })
             }
             Err(error) if error.is_passing() => {
-                let evidence = Evidence::Nothing {
+                let evidence = AttemptFindings::Nothing {
                     class: FailureClass::Site,
                     reason: with_cause(&error),
                 };
@@ -115,7 +115,7 @@ impl<E: Executor> LocalLoop<E> {
                 Ok(())
             }
             Err(error @ DispatchError::Kind { .. }) => {
-                let evidence = Evidence::Nothing {
+                let evidence = AttemptFindings::Nothing {
                     class: FailureClass::Input,
                     reason: error.to_string(),
                 };
@@ -128,7 +128,7 @@ impl<E: Executor> LocalLoop<E> {
         }
     }
 
-    fn not_submitted(&mut self, attempt: &AttemptId, evidence: Evidence) {
+    fn not_submitted(&mut self, attempt: &AttemptId, evidence: AttemptFindings) {
         self.failed_submissions.push(News::Ended {
             attempt: attempt.clone(),
             evidence,

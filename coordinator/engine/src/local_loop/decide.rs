@@ -9,10 +9,10 @@ use cardiotwin_workflow::attempt::{Attempt, AttemptEvent};
 use cardiotwin_workflow::patient::Patient;
 use cardiotwin_workflow::task::Task;
 
-use super::{Beginning, LocalLoop, Sight};
+use super::{Beginning, LocalLoop, Observation};
 use crate::books::{AttemptEntry, Books};
 use crate::decider::Circumstance;
-use crate::dispatch::{Evidence, Executor, Found, News};
+use crate::dispatch::{AttemptFindings, Executor, Found, News};
 use crate::{EngineError, EngineEvent, StopLevel, cores, requests, worker_identity};
 
 /// Largest number of attempts begun in one commit, so that the first ones need not wait for the
@@ -21,7 +21,7 @@ const LARGEST_GROUP: usize = 2048;
 
 impl<E: Executor> LocalLoop<E> {
     /// Takes up an observation.
-    pub(super) fn take_up(&mut self, seen: Sight) -> Result<(), EngineError> {
+    pub(super) fn take_up(&mut self, seen: Observation) -> Result<(), EngineError> {
         (self.at, self.room) = (seen.at, seen.room);
         if seen.beginning.is_some() {
             // Waiters are registered first, because the end of an attempt that is found now
@@ -170,7 +170,7 @@ impl<E: Executor> LocalLoop<E> {
     /// Closes the books on an attempt that was ended before any worker claimed it, or that is
     /// fenced and out of sight.
     fn forget(&mut self, attempt: &AttemptId) -> Result<(), EngineError> {
-        let evidence = Evidence::Nothing {
+        let evidence = AttemptFindings::Nothing {
             class: FailureClass::Site,
             reason: "ended by the coordinator".into(),
         };

@@ -66,13 +66,13 @@ pub struct LocalLoop<E> {
 
 /// Observation of this machine.
 pub enum Seen {
-    News(Box<Sight>),
+    News(Box<Observation>),
     /// Files about which decisions asked.
     Files(FilesSeen),
 }
 
 /// What was seen of workers, requests and signals.
-pub struct Sight {
+pub struct Observation {
     at: Instant,
     stop: StopLevel,
     /// Number of attempts that the executor would take.

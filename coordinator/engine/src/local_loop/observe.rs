@@ -8,8 +8,8 @@ use cardiotwin_schemas::ids::AttemptId;
 use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_workflow::attempt::Attempt;
 
-use super::{Beginning, LocalLoop, Sight};
-use crate::dispatch::{Evidence, Executor, Found, News};
+use super::{Beginning, LocalLoop, Observation};
+use crate::dispatch::{AttemptFindings, Executor, Found, News};
 use crate::program_identity::DECIDED_BY;
 use crate::{EngineError, StopLevel, requests};
 
@@ -20,12 +20,12 @@ const LEAST_FREE_BYTES: u64 = 2 << 20;
 
 impl<E: Executor> LocalLoop<E> {
     /// Examines the attempts of an earlier coordinator.
-    pub(super) async fn look_back(&mut self) -> Result<Sight, EngineError> {
+    pub(super) async fn look_back(&mut self) -> Result<Observation, EngineError> {
         let decided_by = self.writer.meta().await?.remove(DECIDED_BY);
         let attempts = self.books.attempts().keys().cloned().collect();
         let found = self.examine(attempts)?;
         let requests = requests::pending(self.books.run_dir())?;
-        Ok(Sight {
+        Ok(Observation {
             beginning: Some(Beginning { decided_by }),
             found,
             requests,
@@ -34,7 +34,7 @@ impl<E: Executor> LocalLoop<E> {
     }
 
     /// Waits for news, a stop or the next tick.
-    pub(super) async fn wait(&mut self) -> Result<Sight, EngineError> {
+    pub(super) async fn wait(&mut self) -> Result<Observation, EngineError> {
         let patience = self.patience();
         let news = tokio::select! {
             biased;
@@ -48,7 +48,7 @@ impl<E: Executor> LocalLoop<E> {
         }
         let is_quiet = news.is_empty();
         let stopped = std::mem::take(&mut self.stopped_unwatched);
-        let mut seen = Sight {
+        let mut seen = Observation {
             stopped: self.examine(stopped)?,
             ..self.seen()
         };
@@ -74,8 +74,8 @@ impl<E: Executor> LocalLoop<E> {
     }
 
     /// Signals, clock and executor at this moment, and nothing else.
-    fn seen(&self) -> Sight {
-        Sight {
+    fn seen(&self) -> Observation {
+        Observation {
             at: Instant::now(),
             stop: self.stop.level(),
             room: self.executor.free(),
@@ -91,7 +91,7 @@ impl<E: Executor> LocalLoop<E> {
 
     /// Checks everything that sends no news: requests, progress, hung workers, attempts out of
     /// sight.
-    fn look_around(&mut self, seen: &mut Sight) -> Result<(), EngineError> {
+    fn look_around(&mut self, seen: &mut Observation) -> Result<(), EngineError> {
         seen.requests = requests::pending(self.books.run_dir())?;
         let timeout_s = self.settings.hang_timeout_s;
         let look = self.watch.look(|_| timeout_s, seen.at);
@@ -126,8 +126,8 @@ impl<E: Executor> LocalLoop<E> {
             return Ok(());
         };
         let is_of_site = match evidence {
-            Evidence::Nothing { class, .. } => *class == FailureClass::Site,
-            Evidence::Outcome { outcome, .. } => matches!(&outcome.ending,
+            AttemptFindings::Nothing { class, .. } => *class == FailureClass::Site,
+            AttemptFindings::Outcome { outcome, .. } => matches!(&outcome.ending,
                 Ending::Failed { failure } if failure.class == FailureClass::Site),
         };
         if !is_of_site {

@@ -28,7 +28,7 @@ use cardiotwin_schemas::posterior::{
 use cardiotwin_schemas::provenance::Provenance;
 use cardiotwin_schemas::task::{AttemptSpec, InputFile, OrganBeatSpec, TaskSpec};
 
-use crate::dispatch::{DispatchError, Evidence, Executor, Found, News, Order};
+use crate::dispatch::{AttemptFindings, DispatchError, Executor, Found, News, Order};
 
 /// Instructions of a test to the executor, and the executor's records for the test.
 #[derive(Debug, Default)]
@@ -483,7 +483,7 @@ impl Executor for Scripted {
                     ],
                 );
             }
-            Evidence::Nothing {
+            AttemptFindings::Nothing {
                 class: FailureClass::Site,
                 reason: "the worker was killed by signal 9".into(),
             }
@@ -512,7 +512,7 @@ impl Executor for Scripted {
                 leave(&order, &own);
                 leave(&order, &[("checkpoint/state.bin", "the end")]);
             }
-            Evidence::Outcome {
+            AttemptFindings::Outcome {
                 outcome: Box::new(outcome),
                 text,
             }
@@ -532,7 +532,7 @@ impl Executor for Scripted {
     fn stop(&mut self, attempt: &AttemptId, _: &Path, _: bool) -> Result<bool, DispatchError> {
         if self.running.contains_key(attempt) {
             let reason = "the worker was killed by signal 15".into();
-            let evidence = Evidence::Nothing {
+            let evidence = AttemptFindings::Nothing {
                 class: FailureClass::Site,
                 reason,
             };

@@ -293,7 +293,7 @@ pub(super) mod tests {
     use cardiotwin_schemas::provenance::Provenance;
 
     use super::super::spec::tests::organ;
-    use super::super::spec::{Wishes, of_organ, published};
+    use super::super::spec::{DesignOptions, of_organ, published};
     use super::*;
 
     /// A sweep of two parameters (all others fixed) in chunks of two blocks.
@@ -302,11 +302,11 @@ pub(super) mod tests {
             .skip(2)
             .map(|(name, [lower, _])| (name.to_owned(), lower))
             .collect();
-        let wishes = Wishes {
+        let wishes = DesignOptions {
             samples: Some(n_blocks),
             chunk_blocks: Some(2),
             set,
-            ..Wishes::default()
+            ..DesignOptions::default()
         };
         wishes.on(published()).unwrap()
     }
@@ -429,10 +429,10 @@ pub(super) mod tests {
             .skip(2)
             .map(|(name, [lower, _])| (name.to_owned(), lower))
             .collect();
-        let wishes = Wishes {
+        let wishes = DesignOptions {
             samples: Some(2),
             set,
-            ..Wishes::default()
+            ..DesignOptions::default()
         };
         let spec = wishes.on(of_organ(organ("p1", 2.0), 1.1)).unwrap();
         let lines = [

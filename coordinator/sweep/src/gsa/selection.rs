@@ -110,7 +110,7 @@ mod tests {
 
     use super::super::reference;
     use super::super::spec::tests::organ;
-    use super::super::spec::{Wishes, of_organ, published, valves};
+    use super::super::spec::{DesignOptions, of_organ, published, valves};
     use super::*;
 
     fn record(order: &[&str]) -> SensitivityRecord {
@@ -163,9 +163,9 @@ mod tests {
     fn of_an_organ_it_is_step_3_s_layer() {
         let mut of = record(&["Ca50_ref_uM", "R_AV_f_mmHg_s_per_mL"]);
         of.spec = of_organ(organ("p1", 2.0), 1.1);
-        of.spec = Wishes {
+        of.spec = DesignOptions {
             bounds: valves(),
-            ..Wishes::default()
+            ..DesignOptions::default()
         }
         .on(of.spec)
         .unwrap();

@@ -117,7 +117,7 @@ pub fn valves() -> Vec<(String, [f64; 2])> {
 
 /// Settings given by the user. The others stay as in the folder, or as published.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Wishes {
+pub struct DesignOptions {
     /// Number of base points, each of which makes a block.
     pub samples: Option<u32>,
     /// Seed of bootstrap and scrambling.
@@ -142,7 +142,7 @@ pub struct Wishes {
     pub set: Vec<(String, f64)>,
 }
 
-impl Wishes {
+impl DesignOptions {
     /// The settings `base` with these changes.
     ///
     /// # Errors
@@ -441,7 +441,7 @@ pub(super) mod tests {
 
     #[test]
     fn wishes_are_laid_on_top_and_nonsense_is_named() {
-        let wishes = Wishes {
+        let wishes = DesignOptions {
             samples: Some(16),
             scramble: true,
             seed: Some(3),
@@ -450,7 +450,7 @@ pub(super) mod tests {
                 ("n_Tm".into(), [4.0, 5.0]),
             ],
             set: vec![("phi".into(), 2.0)],
-            ..Wishes::default()
+            ..DesignOptions::default()
         };
         let spec = wishes.on(published()).unwrap();
         assert_eq!(
@@ -468,34 +468,34 @@ pub(super) mod tests {
             (names.len(), names.contains(&"phi"), names[20]),
             (21, false, "a_p_kPa")
         );
-        let refused = |wishes: Wishes| wishes.on(published()).unwrap_err().to_string();
-        let unknown = refused(Wishes {
+        let refused = |wishes: DesignOptions| wishes.on(published()).unwrap_err().to_string();
+        let unknown = refused(DesignOptions {
             set: vec![("Ca50".into(), 1.0)],
-            ..Wishes::default()
+            ..DesignOptions::default()
         });
         assert!(
             unknown.contains("`Ca50`") && unknown.contains("Ca50_ref_uM"),
             "{unknown}"
         );
-        let reversed = refused(Wishes {
+        let reversed = refused(DesignOptions {
             bounds: vec![("n_Tm".into(), [5.0, 4.0])],
-            ..Wishes::default()
+            ..DesignOptions::default()
         });
         assert_eq!(
             reversed,
             "--bounds n_Tm is 5,4, expected LOWER,UPPER in this order"
         );
         assert!(
-            refused(Wishes {
+            refused(DesignOptions {
                 samples: Some(1),
-                ..Wishes::default()
+                ..DesignOptions::default()
             })
             .starts_with("--samples is 1")
         );
         assert!(
-            refused(Wishes {
+            refused(DesignOptions {
                 seed: Some(0),
-                ..Wishes::default()
+                ..DesignOptions::default()
             })
             .starts_with("--seed is 0")
         );
@@ -529,9 +529,9 @@ pub(super) mod tests {
         );
         let mut bounds = of_paper();
         bounds.extend(valves());
-        let spec = Wishes {
+        let spec = DesignOptions {
             bounds,
-            ..Wishes::default()
+            ..DesignOptions::default()
         }
         .on(spec)
         .unwrap();
@@ -539,9 +539,9 @@ pub(super) mod tests {
             (spec.design.parameters.len(), interval(&spec, "phi")),
             (23, Some([0.1, 4.0]))
         );
-        let passive = Wishes {
+        let passive = DesignOptions {
             set: vec![("a_p_kPa".into(), 3.0)],
-            ..Wishes::default()
+            ..DesignOptions::default()
         }
         .on(spec)
         .unwrap_err();
@@ -549,9 +549,9 @@ pub(super) mod tests {
             passive.to_string().contains("R_AV_f_mmHg_s_per_mL"),
             "{passive}"
         );
-        let cell = Wishes {
+        let cell = DesignOptions {
             bounds: valves(),
-            ..Wishes::default()
+            ..DesignOptions::default()
         }
         .on(published())
         .unwrap_err();
@@ -588,22 +588,23 @@ pub(super) mod tests {
     fn a_folder_s_sweep_may_grow_and_be_analysed_otherwise_and_nothing_else() {
         let folder = Path::new("gsa");
         let before = published();
-        let follow =
-            |wishes: Wishes| may_follow(folder, &before, &wishes.on(before.clone()).unwrap());
-        follow(Wishes::default()).unwrap();
-        follow(Wishes {
+        let follow = |wishes: DesignOptions| {
+            may_follow(folder, &before, &wishes.on(before.clone()).unwrap())
+        };
+        follow(DesignOptions::default()).unwrap();
+        follow(DesignOptions {
             samples: Some(2048),
             resamples: Some(10),
             seed: Some(4),
-            ..Wishes::default()
+            ..DesignOptions::default()
         })
         .unwrap();
-        let said = |wishes: Wishes| follow(wishes).unwrap_err().to_string();
-        let text = said(Wishes {
+        let said = |wishes: DesignOptions| follow(wishes).unwrap_err().to_string();
+        let text = said(DesignOptions {
             samples: Some(16),
             scramble: true,
             lambda_0: Some(1.0),
-            ..Wishes::default()
+            ..DesignOptions::default()
         });
         for part in [
             "samples 1024 (now 16",
@@ -614,15 +615,15 @@ pub(super) mod tests {
             assert!(text.contains(part), "{part} is not in {text}");
         }
         assert!(
-            said(Wishes {
+            said(DesignOptions {
                 chunk_blocks: Some(5),
-                ..Wishes::default()
+                ..DesignOptions::default()
             })
             .contains("chunk-blocks 64 (now 5)")
         );
-        let fixed = said(Wishes {
+        let fixed = said(DesignOptions {
             set: vec![("phi".into(), 2.0)],
-            ..Wishes::default()
+            ..DesignOptions::default()
         });
         assert!(fixed.contains("phi in [0.1, 4] (now = 2)"), "{fixed}");
     }

@@ -15,4 +15,4 @@ mod optimiser;
 #[cfg(test)]
 mod tests;
 
-pub use optimiser::{CmaEs, Ending, Settings};
+pub use optimiser::{CmaEs, Settings, StopReason};

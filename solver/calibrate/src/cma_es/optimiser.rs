@@ -102,7 +102,7 @@ impl Settings {
 /// Reason for the end of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Ending {
+pub enum StopReason {
     /// Enough runs ended at the best cost.
     Agreement,
     /// The largest number of evaluations was reached.
@@ -135,7 +135,7 @@ pub struct CmaEs {
     #[serde(with = "crate::storage::cost")]
     best_cost: f64,
     n_evaluations: usize,
-    ending: Option<Ending>,
+    ending: Option<StopReason>,
 }
 
 impl CmaEs {
@@ -291,9 +291,9 @@ impl CmaEs {
             .filter(|c| (**c - self.best_cost).abs() <= 1e-3 * self.best_cost.abs() + 1e-9)
             .count();
         if run_ends && agreeing >= self.settings.n_agreeing_runs {
-            self.ending = Some(Ending::Agreement);
+            self.ending = Some(StopReason::Agreement);
         } else if self.n_evaluations >= self.settings.max_evaluations {
-            self.ending = Some(Ending::Evaluations);
+            self.ending = Some(StopReason::Evaluations);
         } else if run_ends {
             self.restart();
         }
@@ -359,7 +359,7 @@ impl CmaEs {
 
     /// Reason for the end; `None` while the optimisation continues.
     #[must_use]
-    pub fn ending(&self) -> Option<Ending> {
+    pub fn ending(&self) -> Option<StopReason> {
         self.ending
     }
 

@@ -25,7 +25,7 @@ fn valley(x: &[f64]) -> f64 {
 fn finds_a_valley_s_end() {
     let o = finish(start(5, Settings::default()), valley);
     assert!(
-        o.best().1 - 1.0 < 1e-8 && o.ending() == Some(Ending::Agreement),
+        o.best().1 - 1.0 < 1e-8 && o.ending() == Some(StopReason::Agreement),
         "{:?} {:?}",
         o.best(),
         o.run_costs()
@@ -109,7 +109,7 @@ fn guesses_are_starts_and_failures_are_passed() {
         ),
         |_| f64::NAN,
     );
-    assert!(hopeless.best().1.is_infinite() && hopeless.ending() == Some(Ending::Evaluations));
+    assert!(hopeless.best().1.is_infinite() && hopeless.ending() == Some(StopReason::Evaluations));
 }
 
 #[test]

@@ -20,5 +20,5 @@ mod settings;
 mod tests;
 
 pub use cardiotwin_vocabulary::step2_settings::Updating;
-pub use optimiser::{DifferentialEvolution, Ending, Outcome, Stage};
+pub use optimiser::{DifferentialEvolution, Outcome, Stage, StopReason};
 pub use settings::Settings;

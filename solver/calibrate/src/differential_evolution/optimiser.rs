@@ -27,7 +27,7 @@ pub enum Stage {
 /// Reason for the end of the generations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Ending {
+pub enum StopReason {
     /// The spread of the costs fell below the tolerance.
     Converged,
     /// The largest number of generations was reached.
@@ -43,7 +43,7 @@ pub struct Outcome {
     #[serde(with = "crate::storage::cost")]
     pub cost: f64,
     /// Reason for the end of the generations.
-    pub ending: Ending,
+    pub ending: StopReason,
     /// Number of generations after the first population.
     pub n_generations: usize,
     /// Number of evaluations: members × (generations + 1) + (D + 1) × gradients of the polish.
@@ -71,7 +71,7 @@ pub struct DifferentialEvolution {
     /// Member whose trial is requested next (immediate updating).
     candidate: usize,
     n_evaluations: usize,
-    ending: Option<Ending>,
+    ending: Option<StopReason>,
     polish: Option<Polish>,
     /// Trials under way, kept so that they are computed once. They follow from the rest and are not
     /// stored.
@@ -385,9 +385,9 @@ impl DifferentialEvolution {
 
     fn end_generation(&mut self) -> Result<(), PopulationError> {
         self.ending = if self.is_converged() {
-            Some(Ending::Converged)
+            Some(StopReason::Converged)
         } else if self.generation >= self.settings.maxiter {
-            Some(Ending::Generations)
+            Some(StopReason::Generations)
         } else {
             None
         };

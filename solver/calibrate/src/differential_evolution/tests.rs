@@ -45,7 +45,7 @@ fn evaluations_are_counted_as_in_the_paper() {
             ..Settings::default()
         };
         let outcome = finish(start(10, settings), offset).outcome().unwrap();
-        assert_eq!(outcome.ending, Ending::Generations);
+        assert_eq!(outcome.ending, StopReason::Generations);
         assert_eq!(outcome.n_generations, 40);
         assert_eq!(
             outcome.n_evaluations,
@@ -92,7 +92,7 @@ fn polish_lowers_the_cost_of_an_early_end() {
     let polished = finish(start(3, Settings::default()), offset)
         .outcome()
         .unwrap();
-    assert_eq!(unpolished.ending, Ending::Converged);
+    assert_eq!(unpolished.ending, StopReason::Converged);
     assert!(!unpolished.polished && polished.polished);
     assert!(
         polished.cost < unpolished.cost && polished.cost - 1.0 < 1e-6,
@@ -160,7 +160,7 @@ fn failures_are_the_worst_and_do_not_survive() {
     let outcome = hopeless.outcome().unwrap();
     assert_eq!(
         (outcome.cost, outcome.ending, outcome.n_polish_evaluations),
-        (f64::INFINITY, Ending::Generations, 0)
+        (f64::INFINITY, StopReason::Generations, 0)
     );
     assert_eq!(hopeless.spread(), f64::INFINITY);
 }

@@ -16,4 +16,4 @@ mod optimiser;
 #[cfg(test)]
 mod tests;
 
-pub use optimiser::{DifferenceStep, Ending, Lbfgsb, LbfgsbError, Settings};
+pub use optimiser::{DifferenceStep, Lbfgsb, LbfgsbError, Settings, StopReason};

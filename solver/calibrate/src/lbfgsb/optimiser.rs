@@ -55,7 +55,7 @@ impl Default for Settings {
 /// Reason for the end of the optimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Ending {
+pub enum StopReason {
     /// The projected gradient vanishes.
     Gradient,
     /// The cost no longer falls.
@@ -70,7 +70,7 @@ pub enum Ending {
     StartNotFinite,
 }
 
-impl Ending {
+impl StopReason {
     /// Whether the result is a minimum within the tolerances.
     #[must_use]
     pub fn is_success(self) -> bool {
@@ -110,7 +110,7 @@ pub enum LbfgsbError {
 enum Phase {
     Start,
     Searching(Search),
-    Ended(Ending),
+    Ended(StopReason),
 }
 
 /// A line search in progress from the current point.
@@ -221,7 +221,7 @@ impl Lbfgsb {
 
     /// Reason for the end; `None` while the optimisation continues.
     #[must_use]
-    pub fn ending(&self) -> Option<Ending> {
+    pub fn ending(&self) -> Option<StopReason> {
         match self.phase {
             Phase::Ended(ending) => Some(ending),
             _ => None,
@@ -298,10 +298,10 @@ impl Lbfgsb {
     fn begin(&mut self, cost: f64, gradient: Vec<f64>) -> Phase {
         (self.cost, self.gradient) = (cost, gradient);
         if cost.is_infinite() {
-            return Phase::Ended(Ending::StartNotFinite);
+            return Phase::Ended(StopReason::StartNotFinite);
         }
         if self.projected_gradient() <= self.settings.gradient_tolerance {
-            return Phase::Ended(Ending::Gradient);
+            return Phase::Ended(StopReason::Gradient);
         }
         self.iterate()
     }
@@ -328,7 +328,7 @@ impl Lbfgsb {
                 return Phase::Searching(search);
             }
             if self.memory.is_empty() {
-                return Phase::Ended(Ending::LineSearch);
+                return Phase::Ended(StopReason::LineSearch);
             }
             self.memory.clear();
         }
@@ -398,7 +398,7 @@ impl Lbfgsb {
             // No point on the line is good. Without the memory, the direction is along the
             // gradient.
             if self.memory.is_empty() {
-                return Phase::Ended(Ending::LineSearch);
+                return Phase::Ended(StopReason::LineSearch);
             }
             self.memory.clear();
             return self.iterate();
@@ -425,17 +425,17 @@ impl Lbfgsb {
         let cost_before = self.cost;
         (self.x, self.cost, self.gradient) = (x, cost, gradient);
         if self.n_iterations >= self.settings.max_iterations {
-            return Phase::Ended(Ending::Iterations);
+            return Phase::Ended(StopReason::Iterations);
         }
         if self.n_evaluations > self.settings.max_evaluations {
-            return Phase::Ended(Ending::Evaluations);
+            return Phase::Ended(StopReason::Evaluations);
         }
         if self.projected_gradient() <= self.settings.gradient_tolerance {
-            return Phase::Ended(Ending::Gradient);
+            return Phase::Ended(StopReason::Gradient);
         }
         let scale = cost_before.abs().max(cost.abs()).max(1.0);
         if cost_before - cost <= self.settings.cost_tolerance * scale {
-            return Phase::Ended(Ending::Cost);
+            return Phase::Ended(StopReason::Cost);
         }
         let curvature = (slope - search.slope) * step_length;
         if curvature > f64::EPSILON * -search.slope * step_length {

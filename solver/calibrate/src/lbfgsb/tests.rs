@@ -93,7 +93,10 @@ fn a_start_at_the_minimum_costs_one_gradient() {
         Settings::default(),
         rosenbrock,
     );
-    assert_eq!((o.ending(), o.n_evaluations()), (Some(Ending::Gradient), 3));
+    assert_eq!(
+        (o.ending(), o.n_evaluations()),
+        (Some(StopReason::Gradient), 3)
+    );
 }
 
 #[test]
@@ -125,7 +128,7 @@ fn failures_on_the_way_halve_the_step() {
         Settings::default(),
         |_| f64::INFINITY,
     );
-    assert_eq!(never.ending(), Some(Ending::StartNotFinite));
+    assert_eq!(never.ending(), Some(StopReason::StartNotFinite));
 }
 
 #[test]
@@ -166,7 +169,7 @@ fn limits_end_it() {
     );
     assert_eq!(
         (o.ending(), o.n_iterations()),
-        (Some(Ending::Iterations), 2)
+        (Some(StopReason::Iterations), 2)
     );
     let settings = Settings {
         max_evaluations: 10,
@@ -178,7 +181,7 @@ fn limits_end_it() {
         settings,
         rosenbrock,
     );
-    assert_eq!(o.ending(), Some(Ending::Evaluations));
+    assert_eq!(o.ending(), Some(StopReason::Evaluations));
 }
 
 #[test]

@@ -1,12 +1,12 @@
 //! The left ventricle as an organ: anatomy, passive state, contraction, and the beat together with the circulation.
 
 pub mod anatomy;
-mod census;
 mod contraction;
 mod end_diastole;
 mod farthest;
 mod kernels;
 pub mod motion;
+mod numbering;
 pub mod passive_fit;
 mod passive_job;
 pub mod passive_state;

@@ -11,7 +11,7 @@ struct Lists {
 
 /// Nodes, points and muscle nodes of each rank.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Census {
+pub(super) struct GlobalNumbering {
     nodes: Lists,
     /// Points for which a rank is responsible: each point is in exactly one list.
     spoken_points: Lists,
@@ -24,7 +24,7 @@ pub(super) struct Census {
     pub weights: Vec<f64>,
 }
 
-impl Census {
+impl GlobalNumbering {
     /// Collects the record from all ranks; it is empty on all but rank 0. Collective.
     pub fn take(rank: &OrganRank) -> Self {
         let comm = rank.comm();

@@ -62,7 +62,7 @@ impl Default for UnloadingSettings {
             farthest_mm: 3.0,
             largest_growth: 100.0,
             max_halvings: 8,
-            foresee_pressures: true,
+            mixed_newton: true,
             // Load steps are no steps of a motion: their corrections do not repeat.
             kept_corrections: 0,
             // A factorisation costs as much as about a hundred solves with it.

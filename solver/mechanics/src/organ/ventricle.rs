@@ -14,10 +14,10 @@ use cardiotwin_models::ventricle::{
 use cardiotwin_units::{MMHG_PER_KPA, Ml, Mmhg, Ms};
 
 use super::anatomy::Anatomy;
-use super::census::Census;
 use super::contraction::SharedModel;
 use super::end_diastole::EndDiastole;
 use super::kernels::Kernel;
+use super::numbering::GlobalNumbering;
 use super::piece;
 use super::rank::{Command, OrganRank, RankFigures, Setup, Values, chain};
 use super::share::Share;
@@ -96,7 +96,7 @@ pub struct VentricleWork {
 #[derive(Debug)]
 pub struct FiniteElementVentricle {
     rank: OrganRank,
-    census: Census,
+    census: GlobalNumbering,
     node_activation_ms: Vec<f64>,
     unloaded: Vec<f64>,
     pressure_terms: Vec<Box<dyn CavityPressureTerm>>,
@@ -242,7 +242,7 @@ impl FiniteElementVentricle {
                 let Some(share) = share else { return };
                 match OrganRank::new(&setup, share, Box::new(comm)) {
                     Ok(rank) => {
-                        Census::take(&rank);
+                        GlobalNumbering::take(&rank);
                         rank.serve();
                     }
                     Err(error) => resume_unwind(Box::new(chain(&error))),
@@ -305,13 +305,13 @@ impl FiniteElementVentricle {
         let setup = parts.into();
         let share = Share::from_message(&comm.scatter(vec![]));
         let rank = OrganRank::new(&setup, share, comm)?;
-        Census::take(&rank);
+        GlobalNumbering::take(&rank);
         rank.serve();
         Ok(())
     }
 
     fn led_by(rank: OrganRank, rest: Rest<'_>, crew: Option<Crew>) -> Self {
-        let census = Census::take(&rank);
+        let census = GlobalNumbering::take(&rank);
         let node_activation_ms = census
             .muscle_nodes
             .iter()

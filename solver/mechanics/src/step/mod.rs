@@ -117,7 +117,7 @@ pub struct StepSettings {
     /// is Newton's method of the mixed form, for long steps.
     ///
     /// Source: Magisano, Leonetti and Garcea 2017, Int J Numer Methods Eng 109:1237.
-    pub foresee_pressures: bool,
+    pub mixed_newton: bool,
     /// Whether a beat's step starts from an extrapolation of motion and pressure rather than from the last step's end.
     pub extrapolate: bool,
     /// Number of recent steps' corrections whose combination is tried before anything is solved.
@@ -141,7 +141,7 @@ impl Default for StepSettings {
             smallest_volume_ratio: 0.1,
             largest_growth: f64::INFINITY,
             farthest_mm: f64::INFINITY,
-            foresee_pressures: false,
+            mixed_newton: false,
             extrapolate: true,
             kept_corrections: 8,
             linear: LinearSolver::RigidLevels,
@@ -330,7 +330,7 @@ pub fn step_watched(
     let (mut correction, mut first) = (vec![0.0; n], vec![]);
     let (mut may_guess, mut is_guessed) = (!solver.recent.is_empty(), false);
     // Forces alone cost a fraction of the tangent, which is therefore evaluated only where needed.
-    let mut linearised = !(solver.predicted || may_guess || settings.foresee_pressures);
+    let mut linearised = !(solver.predicted || may_guess || settings.mixed_newton);
     if linearised {
         linearise(solver, candidate, &mut force, &mut r);
     } else {
@@ -417,7 +417,7 @@ pub fn step_watched(
             evaluate_stress(candidate)?;
             linearised = false;
         }
-        if settings.foresee_pressures {
+        if settings.mixed_newton {
             solver.linearise_as_foreseen(dynamics, dt_ms, now, candidate, settings.linear);
         } else if !linearised {
             linearise(solver, candidate, &mut force, &mut r);
@@ -457,9 +457,7 @@ pub fn step_watched(
             dynamics.comm.max(&mut farthest);
             share = (settings.farthest_mm / farthest[0]).min(1.0);
         }
-        let before = settings
-            .foresee_pressures
-            .then(|| candidate.deformation.clone());
+        let before = settings.mixed_newton.then(|| candidate.deformation.clone());
         for halving in 0.. {
             candidate.subtract(&start, share, &x);
             candidate.pressure_kpa = pressure_kpa + share * change_kpa;

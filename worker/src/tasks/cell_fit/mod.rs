@@ -22,7 +22,7 @@ use cardiotwin_schemas::task::{CellFitSpec, TaskSpec};
 
 use self::batches::Batches;
 use self::objective::{Evaluation, Objective, WORST};
-use self::optimiser::{Optimiser, Standing};
+use self::optimiser::{Optimiser, SearchProgress};
 use self::unreachable::{Beyond, past_the_bound};
 use crate::context::Context;
 use crate::error::TaskError;
@@ -160,7 +160,7 @@ fn minimise(
     optimiser: &mut Optimiser,
     batches: &mut Batches<'_>,
     context: &mut Context,
-) -> Result<Vec<Standing>, TaskError> {
+) -> Result<Vec<SearchProgress>, TaskError> {
     let mut convergence = Vec::new();
     let limit = context.checkpoints.last_generation();
     loop {
@@ -270,7 +270,7 @@ fn cell_csv(trace: &CellTrace) -> String {
     text
 }
 
-fn convergence_csv(generations: &[Standing]) -> String {
+fn convergence_csv(generations: &[SearchProgress]) -> String {
     let mut text = "generation,best_cost,mean_cost,evaluations\n".to_owned();
     for row in generations {
         let _ = writeln!(

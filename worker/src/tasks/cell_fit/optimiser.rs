@@ -2,7 +2,9 @@
 
 use cardiotwin_calibrate::Interval;
 use cardiotwin_calibrate::cma_es::{self, CmaEs};
-use cardiotwin_calibrate::differential_evolution::{self, DifferentialEvolution, Ending, Stage};
+use cardiotwin_calibrate::differential_evolution::{
+    self, DifferentialEvolution, Stage, StopReason,
+};
 use cardiotwin_calibrate::lbfgsb::{self, DifferenceStep};
 use cardiotwin_calibrate::polish::{Coordinates, LocalSearch};
 use cardiotwin_calibrate::statistics::mean;
@@ -38,7 +40,7 @@ pub enum Optimiser {
 
 /// One entry of the search's history.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Standing {
+pub struct SearchProgress {
     /// Number of completed generations.
     pub generation: usize,
     /// Best cost so far.
@@ -122,7 +124,7 @@ impl Optimiser {
     ///
     /// # Errors
     /// [`TaskError`] when the number of costs is wrong.
-    pub fn tell(&mut self, costs: &[f64]) -> Result<Option<Standing>, TaskError> {
+    pub fn tell(&mut self, costs: &[f64]) -> Result<Option<SearchProgress>, TaskError> {
         let was_first = match self {
             Self::Differential(optimiser) => optimiser.stage() == Stage::FirstPopulation,
             Self::CmaEs(..) => false,
@@ -173,8 +175,8 @@ impl Optimiser {
         match self {
             Self::Differential(optimiser) => optimiser
                 .outcome()
-                .is_some_and(|o| o.ending == Ending::Converged),
-            Self::CmaEs(optimiser, ..) => optimiser.ending() == Some(cma_es::Ending::Agreement),
+                .is_some_and(|o| o.ending == StopReason::Converged),
+            Self::CmaEs(optimiser, ..) => optimiser.ending() == Some(cma_es::StopReason::Agreement),
         }
     }
 
@@ -188,13 +190,13 @@ impl Optimiser {
         }
     }
 
-    fn standing(&self) -> Standing {
+    fn standing(&self) -> SearchProgress {
         let mean = match self {
             Self::Differential(optimiser) => mean(optimiser.members().1),
             Self::CmaEs(_, _, mean) => *mean,
         };
         let (generation, evaluations) = (self.n_generations(), self.n_evaluations());
-        Standing {
+        SearchProgress {
             generation,
             best: self.best().1,
             mean,

@@ -12,7 +12,7 @@ use cardiotwin_schemas::organ::{BeatCount, ContractionSpec};
 use cardiotwin_schemas::settings::ExecutorSettings;
 use cardiotwin_schemas::sweep::{GsaSpec, SweepFile, SweepSpec, SweptOrgan};
 use cardiotwin_schemas::task::OrganBeatSpec;
-use cardiotwin_sweep::gsa::spec::{self, Wishes};
+use cardiotwin_sweep::gsa::spec::{self, DesignOptions};
 use cardiotwin_sweep::gsa::{chunks, selection};
 use cardiotwin_sweep::{SweepError, folder};
 use clap::{Args, ValueEnum};
@@ -159,7 +159,7 @@ impl GsaArgs {
     /// Settings given on the command line.
     ///
     /// - `beat`: beat of the swept organ; `None` for the cell
-    fn wishes(&self, beat: Option<&OrganBeatSpec>) -> Wishes {
+    fn wishes(&self, beat: Option<&OrganBeatSpec>) -> DesignOptions {
         // The box comes first, so that intervals from `--bounds` replace its own.
         let mut bounds = match self.r#box {
             None => Vec::new(),
@@ -172,7 +172,7 @@ impl GsaArgs {
             bounds.extend(spec::valves());
         }
         bounds.extend(self.bounds.iter().cloned());
-        Wishes {
+        DesignOptions {
             samples: self.samples,
             seed: self.seed,
             scramble: self.scramble,

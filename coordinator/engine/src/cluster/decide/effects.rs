@@ -7,7 +7,7 @@ use cardiotwin_slurm::answers::Output;
 use cardiotwin_slurm::commands::Command;
 use cardiotwin_slurm::job::JobId;
 
-use crate::dispatch::Evidence;
+use crate::dispatch::AttemptFindings;
 
 /// Name of a job and index of an element.
 pub type ElementId = (String, usize);
@@ -50,7 +50,7 @@ pub enum EffectResult {
     Stopped {
         action: i64,
         attempt: AttemptId,
-        published: Option<Evidence>,
+        published: Option<AttemptFindings>,
     },
     /// The job was to be submitted.
     Submitted {

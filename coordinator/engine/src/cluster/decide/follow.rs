@@ -10,7 +10,7 @@ use super::State;
 use super::observation::{AttemptSeen, Question};
 use crate::EngineError;
 use crate::decider::Circumstance;
-use crate::dispatch::Evidence;
+use crate::dispatch::AttemptFindings;
 
 impl State {
     /// Asks about the attempt that comes next on the chains which are followed; `None` when they all
@@ -61,7 +61,7 @@ impl State {
 
     /// Ends an attempt that can publish nothing, without counting it against the retries.
     pub(super) fn interrupt(&mut self, attempt: &AttemptId, why: &str) -> Result<(), EngineError> {
-        let evidence = Evidence::Nothing {
+        let evidence = AttemptFindings::Nothing {
             class: FailureClass::Site,
             reason: why.to_owned(),
         };
@@ -72,7 +72,7 @@ impl State {
     fn take_evidence(
         &mut self,
         attempt: &AttemptId,
-        evidence: Evidence,
+        evidence: AttemptFindings,
     ) -> Result<(), EngineError> {
         self.decider
             .attempt_ended(&mut self.books, attempt, evidence, Circumstance::Excused)

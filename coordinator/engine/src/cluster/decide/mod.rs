@@ -36,7 +36,7 @@ use super::waiting::{present_task, waiting, wants_place};
 use crate::EngineError;
 use crate::books::Books;
 use crate::decider::Decider;
-use crate::dispatch::Evidence;
+use crate::dispatch::AttemptFindings;
 use crate::mesh_size::MeshSizes;
 use crate::requests::{self, Pending};
 pub use effects::{Effect, EffectResult, ElementId, SubmissionResult};
@@ -98,7 +98,7 @@ pub struct StoppedAttempt {
     pub action: i64,
     pub attempt: AttemptId,
     /// Evidence that it published before.
-    pub published: Option<Evidence>,
+    pub published: Option<AttemptFindings>,
 }
 
 /// Identity of this process, for names of jobs and for judging who cancelled a job.

@@ -14,7 +14,7 @@ use cardiotwin_slurm::answers::{NoAnswer, Table};
 use cardiotwin_slurm::job::JobName;
 
 use super::effects::{EffectResult, ElementId};
-use crate::dispatch::Evidence;
+use crate::dispatch::AttemptFindings;
 use crate::files_seen::{Asked, FilesSeen};
 use crate::requests::Pending;
 
@@ -89,7 +89,7 @@ pub enum AttemptSeen {
     /// A driver has begun it, in this allocation if that is readable.
     Begun(Option<AttemptAllocation>),
     /// It published an outcome.
-    Ended(Evidence),
+    Ended(AttemptFindings),
     /// It published nothing, was revoked, and a later job has begun the next attempt.
     Superseded,
 }

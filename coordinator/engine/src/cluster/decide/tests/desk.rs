@@ -25,7 +25,7 @@ use super::super::{
 };
 use crate::books::Books;
 use crate::decider::Decider;
-use crate::dispatch::Evidence;
+use crate::dispatch::AttemptFindings;
 use crate::tests::scripted::Script;
 
 pub const UID: u32 = 1001;
@@ -280,7 +280,7 @@ impl Desk {
     }
 
     /// Evidence that an attempt succeeded.
-    pub fn success(&self, attempt: &AttemptId) -> Evidence {
+    pub fn success(&self, attempt: &AttemptId) -> AttemptFindings {
         let spec = &self.state.books.tasks()[&attempt.task].spec;
         let outcome = TaskOutcome {
             schema_version: formats::OUTCOME.version,
@@ -290,7 +290,7 @@ impl Desk {
             provenance: Provenance::default(),
             sha256: None,
         };
-        Evidence::Outcome {
+        AttemptFindings::Outcome {
             text: serde_json::to_string(&outcome).unwrap(),
             outcome: Box::new(outcome),
         }
