@@ -18,6 +18,9 @@ pub struct BeatArgs {
     /// Time step
     #[arg(long, value_name = "MS", default_value_t = 1.0)]
     step: f64,
+    /// Longest controlled time step; 0: all steps have one length
+    #[arg(long, value_name = "MS", default_value_t = FiniteElementSettings::default().longest_step_ms)]
+    longest: f64,
     /// Relative tolerance of Newton's method
     #[arg(long, default_value_t = 1e-4)]
     tolerance: f64,
@@ -52,7 +55,6 @@ impl BeatArgs {
         };
         let FiniteElementSettings {
             diastolic_step_ms,
-            longest_step_ms,
             step_tolerance,
             ..
         } = FiniteElementSettings::default();
@@ -62,7 +64,7 @@ impl BeatArgs {
             cycle_ms: self.cycle,
             step_ms: self.step,
             diastolic_step_ms,
-            longest_step_ms,
+            longest_step_ms: self.longest,
             step_tolerance,
             tolerance: self.tolerance,
         })

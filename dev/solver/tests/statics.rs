@@ -76,7 +76,7 @@ fn newton_is_quadratic_on_a_static_problem() {
     let newton = NewtonSettings {
         relative_tolerance: 1e-13,
         // Foreseen pressures are those of another tangent on the way.
-        foresee_pressures: false,
+        mixed_newton: false,
         krylov: KrylovSettings {
             relative_tolerance: 1e-13,
             ..KrylovSettings::default()
@@ -137,9 +137,9 @@ fn inflated_ventricle_of_land_2015_meets_the_consensus() {
 #[test]
 fn newton_needs_the_foreseen_pressures_where_soft_tissue_is_inflated() {
     let problem = inflation(6, 3, 1e4);
-    let steps = |foresee_pressures| {
+    let steps = |mixed_newton| {
         let newton = NewtonSettings {
-            foresee_pressures,
+            mixed_newton,
             ..NewtonSettings::default()
         };
         LoadSteps {
