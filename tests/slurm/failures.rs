@@ -201,6 +201,33 @@ pub fn a_full_queue_is_waited_for(cluster: &Cluster) {
     cohort.assert_done();
 }
 
+/// The first job waits for another one; a later call waits for nothing, and a job that Slurm has forgotten holds nothing up.
+pub fn a_run_begins_after_another_job(cluster: &Cluster) {
+    let copy = ["--parsable", "--hold", "--time=1", "--wrap=true"];
+    let copy = cluster.slurm("sbatch", &copy).trim().to_owned();
+    let cohort = Cohort::of(cluster, &["01-CoA"], QUICK).set("executor.slurm.queue=serial");
+    let begun = cohort.call(&cohort.with_settings(&["run", "--after", &copy, "--after", "999999"]));
+    assert_eq!(begun.code, 8, "{begun:?}");
+    let directive = format!("--dependency=afterany:{copy}:999999");
+    assert!(
+        cohort.script(0).contains(&directive),
+        "{}",
+        cohort.script(0)
+    );
+    cluster.wait("the reason", || {
+        cohort.advance();
+        let note = cohort.status()["patients"][0]["note"].to_string();
+        note.contains("waits for another job to end")
+    });
+    assert!(cohort.attempts_with("started.json").is_empty());
+    cluster.slurm("scontrol", &["release", &copy]);
+    assert_eq!(cohort.finish(), 0);
+    cohort.assert_done();
+    let of_no_later_job =
+        (1..cohort.jobs().len()).all(|n| !cohort.script(n).contains("--dependency"));
+    assert!(of_no_later_job);
+}
+
 pub fn what_slurm_never_takes_is_told(cluster: &Cluster) {
     let cohort = Cohort::of(cluster, &["01-CoA"], QUICK).set("executor.slurm.account=nobody");
     assert_eq!(cohort.finish(), 1);

@@ -136,6 +136,10 @@ const TESTS: &[Test] = &[
         failures::a_full_queue_is_waited_for,
     ),
     (
+        "a run begins after another job",
+        failures::a_run_begins_after_another_job,
+    ),
+    (
         "what Slurm never takes is told",
         failures::what_slurm_never_takes_is_told,
     ),
