@@ -489,6 +489,10 @@ pub struct SlurmSettings {
     pub account: Option<String>,
     /// Queue of the profile; by default the first one that suits the work.
     pub queue: Option<String>,
+    /// Queues that take jobs for which the first one has no room, in this order, such as the same
+    /// partition with another QoS.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub fallback_queues: Vec<String>,
     /// Longest walltime of a job, `HH:MM:SS`; by default the queue's.
     pub walltime: Option<String>,
     /// Further options of every job, as on sbatch's command line, such as `--reservation=NAME`.
@@ -546,6 +550,7 @@ impl Default for SlurmSettings {
             account: None,
             queue: None,
             walltime: None,
+            fallback_queues: Vec::new(),
             directives: Vec::new(),
             max_jobs: 0,
             max_node_hours: 0.0,

@@ -201,6 +201,27 @@ pub fn a_full_queue_is_waited_for(cluster: &Cluster) {
     cohort.assert_done();
 }
 
+/// With `serial` full, the cohort's job runs in the next queue that has room; one that is full as well is passed over.
+pub fn a_full_queue_gives_way_to_the_next(cluster: &Cluster) {
+    let filler = [
+        "--hold",
+        "--partition=serial",
+        "--qos=serial",
+        "--array=0-31",
+        "--time=1",
+        "--wrap=true",
+    ];
+    cluster.slurm("sbatch", &filler);
+    let cohort = Cohort::of(cluster, &["01-CoA"], QUICK)
+        .set("executor.slurm.queue=serial")
+        .set("executor.slurm.fallback_queues=[\"serial\", \"standard\"]");
+    assert_eq!(cohort.finish(), 0);
+    cohort.assert_done();
+    let script = cohort.script(0);
+    assert!(script.contains("#SBATCH --qos=standard\n"), "{script}");
+    cluster.slurm("scancel", &["--me"]);
+}
+
 /// The first job waits for another one; a later call waits for nothing, and a job that Slurm has forgotten holds nothing up.
 pub fn a_run_begins_after_another_job(cluster: &Cluster) {
     let copy = ["--parsable", "--hold", "--time=1", "--wrap=true"];

@@ -136,6 +136,10 @@ const TESTS: &[Test] = &[
         failures::a_full_queue_is_waited_for,
     ),
     (
+        "a full queue gives way to the next",
+        failures::a_full_queue_gives_way_to_the_next,
+    ),
+    (
         "a run begins after another job",
         failures::a_run_begins_after_another_job,
     ),

@@ -91,39 +91,53 @@ pub fn plan_jobs(
         groups.entry(like).or_default().push(i);
     }
     let mut jobs = Vec::new();
-    let mut taken = InUse::default();
+    let mut taken: BTreeMap<&str, u32> = BTreeMap::new();
     for (like, patients) in groups {
-        let queue = like
+        let queues = like
             .share
-            .queue(site, settings)
+            .queues(site, settings)
             .map_err(|error| EngineError::Site {
                 message: error.to_string(),
             })?;
-        let mut used = in_use(queue);
-        used.queued += taken.queued;
-        let group = Group {
-            books,
-            site,
-            queue,
-            settings,
-            expected,
-            like: &like,
-            used,
-        };
-        let planned = if like.share.in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
-            group.bundles(&patients)?
-        } else {
-            group.chunks(&patients)?
-        };
-        taken.queued += u32::try_from(
-            planned
-                .iter()
-                .filter(|j| j.now)
-                .map(|j| j.patients.len())
-                .sum::<usize>(),
-        )
-        .unwrap_or(u32::MAX);
-        jobs.extend(planned);
+        let mut waiting = patients;
+        // What no queue has room for waits for the first one.
+        for (queue, is_last) in (queues.iter().map(|queue| (*queue, false)))
+            .chain(queues.first().map(|queue| (*queue, true)))
+        {
+            let mut used = in_use(queue);
+            let queued = taken.entry(&queue.name).or_default();
+            used.queued += *queued;
+            let group = Group {
+                books,
+                site,
+                queue,
+                settings,
+                expected,
+                like: &like,
+                used,
+            };
+            let in_3d = like.share.in_3d;
+            let planned = if in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
+                group.bundles(&waiting)?
+            } else {
+                group.chunks(&waiting)?
+            };
+            let (now, later): (Vec<_>, Vec<_>) = planned.into_iter().partition(|job| job.now);
+            let elements: usize = now.iter().map(|job| job.patients.len()).sum();
+            *queued += u32::try_from(elements).unwrap_or(u32::MAX);
+            jobs.extend(now);
+            if is_last || queues.len() == 1 {
+                jobs.extend(later);
+                break;
+            }
+            waiting = later
+                .into_iter()
+                .flat_map(|job| job.patients.into_iter().flatten())
+                .collect();
+            if waiting.is_empty() {
+                break;
+            }
+        }
     }
     Ok(jobs)
 }

@@ -103,17 +103,21 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
         })?;
     }
     site.directives.extend(settings.directives.iter().cloned());
-    if let Some(name) = settings
-        .queue
-        .as_ref()
-        .filter(|name| site.queue.iter().all(|queue| queue.name != **name))
-    {
-        let known: Vec<&str> = site.queue.iter().map(|queue| queue.name.as_str()).collect();
-        return Err(wrong(format!(
-            "executor.slurm.queue is `{name}`; site {} has {}",
-            site.name,
-            known.join(", ")
-        )));
+    let named = (settings.queue.iter().map(|name| ("queue", name))).chain(
+        settings
+            .fallback_queues
+            .iter()
+            .map(|name| ("fallback_queues", name)),
+    );
+    for (key, name) in named {
+        if site.queue.iter().all(|queue| queue.name != *name) {
+            let known: Vec<&str> = site.queue.iter().map(|queue| queue.name.as_str()).collect();
+            return Err(wrong(format!(
+                "executor.slurm.{key} is `{name}`; site {} has {}",
+                site.name,
+                known.join(", ")
+            )));
+        }
     }
     if site.needs_account && settings.account.is_none() {
         return Err(wrong(format!(
@@ -201,5 +205,20 @@ mod tests {
         };
         assert_eq!(of(0), [Some(120), Some(220), Some(2)]);
         assert_eq!(of(5), [Some(5), Some(5), Some(2)]);
+    }
+
+    #[test]
+    fn an_unknown_fallback_queue_is_refused_with_those_that_there_are() {
+        let settings = SlurmSettings {
+            site: "archer2".to_owned(),
+            account: Some("t01".to_owned()),
+            fallback_queues: vec!["short".to_owned(), "slow".to_owned()],
+            ..SlurmSettings::default()
+        };
+        let refusal = load_site(&settings).expect_err("no such queue").to_string();
+        assert!(
+            refusal.contains("executor.slurm.fallback_queues is `slow`; site archer2 has taskfarm"),
+            "{refusal}"
+        );
     }
 }

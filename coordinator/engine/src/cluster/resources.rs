@@ -67,6 +67,28 @@ impl ResourceRequest {
         self.threads.div_ceil(ranks_per_node.max(1)).max(1)
     }
 
+    /// The queue for the simulations, followed by those of `fallback_queues` that can take them.
+    ///
+    /// # Errors
+    /// As [`Self::queue`].
+    pub(super) fn queues<'a>(
+        self,
+        site: &'a Site,
+        settings: &ExecutorSettings,
+    ) -> Result<Vec<&'a Queue>, NoQueue> {
+        let mut queues = vec![self.queue(site, settings)?];
+        for name in &settings.slurm.fallback_queues {
+            let fallback = site.queue(Some(name), self.used_for());
+            let fallback = fallback.filter(|queue| {
+                queue.uses.contains(&self.used_for())
+                    && self.nodes() <= most_nodes(queue).unwrap_or(u32::MAX)
+                    && queues.iter().all(|known| known.name != queue.name)
+            });
+            queues.extend(fallback);
+        }
+        Ok(queues)
+    }
+
     /// The queue for the simulations.
     ///
     /// # Errors
