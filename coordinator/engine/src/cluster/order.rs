@@ -21,7 +21,7 @@ use crate::books::Books;
 impl State {
     /// Orders for the driver of each element.
     pub(super) fn orders(&self, row: &JobRow, worker: &Path) -> Result<Vec<JobOrder>, EngineError> {
-        let expected = Expectations::of(&self.books, &self.settings, &self.mesh_sizes);
+        let expected = Expectations::of(&self.books, &self.settings, &self.site, &self.mesh_sizes);
         let mut orders = Vec::with_capacity(row.spec.elements.len());
         for element in &row.spec.elements {
             let mut expected_s = std::collections::BTreeMap::new();
@@ -38,7 +38,7 @@ impl State {
                     Teaching::Awaited(_) => continue,
                 };
                 let plan = self.books.plan(i)?;
-                for (kind, seconds) in expected.by_kind(plan) {
+                for (kind, seconds) in expected.by_kind(plan, row.spec.threads) {
                     let longest: &mut f64 = expected_s.entry(kind).or_default();
                     *longest = longest.max(seconds);
                 }

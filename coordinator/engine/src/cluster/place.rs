@@ -165,9 +165,11 @@ impl Group<'_> {
     }
 
     fn rest_s(&self, i: usize) -> Result<f64, EngineError> {
-        Ok(self
-            .expected
-            .rest_s(self.books.plan(i)?, &self.books.patient(i).chain))
+        Ok(self.expected.rest_s(
+            self.books.plan(i)?,
+            &self.books.patient(i).chain,
+            self.like.share.threads,
+        ))
     }
 
     /// Number of patients side by side on a whole node.

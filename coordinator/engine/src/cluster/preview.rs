@@ -103,7 +103,7 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
     for &i in &patients {
         mesh_sizes.learn(books.plan(i)?);
     }
-    let expected = Expectations::of(&books, &options.executor, &mesh_sizes);
+    let expected = Expectations::of(&books, &options.executor, &site, &mesh_sizes);
     let used = |queue: &Queue| in_use(queue, &rows, 0);
     let jobs = plan_jobs(
         &books,

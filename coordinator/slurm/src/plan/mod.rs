@@ -11,7 +11,7 @@ mod schedule;
 
 pub use bundles::{Bundle, Lane, Simulation, bundles};
 pub use chunks::{ChunkArray, Chunks, Sweep, chunks};
-pub use ranks::ranks_for;
+pub use ranks::{beat_s, ranks_for};
 pub use schedule::{Finish, finish};
 
 use crate::site::{Node, Queue, Site, Unit};

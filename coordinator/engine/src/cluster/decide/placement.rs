@@ -32,7 +32,7 @@ impl State {
         let (rows, intended) = (queue.rows.clone(), self.intended());
         // Jobs whose names are committed but which are not yet in the queue take room, too.
         let in_use = |queue: &Queue| in_use(queue, &rows, intended);
-        let expected = Expectations::of(&self.books, &self.settings, &self.mesh_sizes);
+        let expected = Expectations::of(&self.books, &self.settings, &self.site, &self.mesh_sizes);
         let jobs = plan_jobs(
             &self.books,
             &waiting,
