@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use cardiotwin_engine::Reader;
 use cardiotwin_sweep::folder;
 use clap::Args;
 
@@ -77,6 +78,18 @@ impl Folders {
                 run: folder.join("run"),
             },
         }
+    }
+
+    /// Takes the cohort that the run remembers, where only the run was named and that folder is a cohort still.
+    ///
+    /// # Errors
+    /// Errors of the store.
+    pub async fn find_cohort(&mut self) -> Result<(), CliError> {
+        if self.cohort.is_none() {
+            let cohort = Reader::open(&self.run).await?.cohort_dir().await?;
+            self.cohort = is_cohort(&cohort).then_some(cohort);
+        }
+        Ok(())
     }
 
     /// The command that continues this run.

@@ -565,6 +565,14 @@ impl Reader {
             })
     }
 
+    /// Folder of the cohort, as the last call that read it named it; empty for runs of programs that did not keep it.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn cohort_dir(&self) -> Result<std::path::PathBuf, StoreError> {
+        Ok(self.meta("cohort_dir").await?.into())
+    }
+
     pub(super) async fn meta(&self, key: &'static str) -> Result<String, StoreError> {
         let mut database = self.database.lock().await;
         let value: Option<String> = sqlx::query_scalar("SELECT value FROM meta WHERE key = ?1")

@@ -209,7 +209,9 @@ pub(super) fn patient(
         }),
         verification: find(settled, chain.verification.as_ref(), organ_beat),
         verification_cost: chain.verification_cost,
-        verdict: chain.verdict.clone(),
+        // Before step 3 has decided, the verification beat is no verdict on the twin.
+        verdict: (chain.verdict.clone())
+            .filter(|_| status.state.is_over() || chain.step3.is_some()),
         posterior_failure: chain
             .unanswered(Stage::Posterior)
             .and_then(|key| settled.get(key)?.failure()),

@@ -138,7 +138,7 @@ impl Header<'_> {
                 self.file,
                 format!("column `{}` in {unit}", label.full),
                 format!("the unit of {}", names_of(wanted)),
-                "use the key in [columns] of prepare.toml that has the column's unit",
+                "use the key in the columns of prepare.toml ([catheter.columns], [cine.columns]) that has the column's unit",
             );
             self.add(problem.at_key(key), chosen);
         }
@@ -157,7 +157,7 @@ impl Header<'_> {
         let name = |place: usize| self.labels[place].full.as_str();
         let remedy = format!(
             "write the unit into the header, or name the column in prepare.toml: {key} = \"NAME\" \
-             in [columns]"
+             in [catheter.columns] or [cine.columns]"
         );
         match find(self.labels, wanted) {
             Ok(found) => {
@@ -170,7 +170,7 @@ impl Header<'_> {
                             words(wanted.quantity)
                         ),
                         "a name that tells the quantity",
-                        "name the column in [columns] of prepare.toml",
+                        "name the column in prepare.toml, in [catheter.columns] or [cine.columns]",
                     );
                     self.add(problem.at_key(key), chosen);
                 }
@@ -193,7 +193,9 @@ impl Header<'_> {
                     self.file,
                     format!("columns `{}`", names.join("`, `")),
                     format!("one column of the {}", words(wanted.quantity)),
-                    format!("say which one it is in prepare.toml: {key} = \"NAME\" in [columns]"),
+                    format!(
+                        "say which one it is in prepare.toml: {key} = \"NAME\" in [catheter.columns] or [cine.columns]"
+                    ),
                 );
                 self.add(problem.at_key(key), chosen);
             }
@@ -211,7 +213,7 @@ impl Header<'_> {
                     self.file,
                     format!("column `{}`", name(place)),
                     format!("the unit of {kind}, as in {}", names_of(wanted)),
-                    "export the calibrated channel, or name another column in [columns] of \
+                    "export the calibrated channel, or name another column in [catheter.columns] or [cine.columns] of \
                      prepare.toml",
                 );
                 self.add(problem.at_key(key), chosen);

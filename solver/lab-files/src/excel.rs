@@ -343,7 +343,7 @@ fn grid_of(
                     .collect::<Vec<_>>()
                     .join(" and ")
             ),
-            "name the sheet with `sheet` and the columns with [columns] in prepare.toml",
+            "name the sheet with `sheet` and the columns with [catheter.columns] or [cine.columns] in prepare.toml",
         ));
     };
     let line = |i: usize| first_row as usize + i + 1;

@@ -158,14 +158,25 @@ fn queues(cohort: &Cohort, report: &mut Report) {
     let site = match load_site(&executor.slurm) {
         Ok(site) => site,
         Err(error) => {
-            let said = [
-                &error.to_string(),
-                "a site with a profile",
-                "correct the profile, or name another site",
-            ];
+            let error = error.to_string();
+            let (key, expected, remedy) = if error.contains("executor.slurm.account") {
+                (
+                    "executor.slurm.account",
+                    "the account that is charged",
+                    "set it; `sacctmgr show assoc user=$USER` lists yours",
+                )
+            } else {
+                (
+                    "executor.slurm.site",
+                    "a site with a profile",
+                    "correct the profile, or name another site",
+                )
+            };
             report.add(
                 None,
-                cohort.settings.problem("executor.slurm.site", None, said),
+                cohort
+                    .settings
+                    .problem(key, None, [&error, expected, remedy]),
             );
             return;
         }

@@ -3,6 +3,7 @@
 
 use cardiotwin_engine::{self as engine, Stage};
 use cardiotwin_input::{Layer, Report, check_on_top, nearest};
+use cardiotwin_report::results::PatientView;
 use cardiotwin_schemas::cohort::SettingsLayer;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::organ::CELL_PARAMETERS;
@@ -74,7 +75,20 @@ pub async fn execute(args: &RerunArgs, talk: &Talk) -> Result<Exit, CliError> {
         .map_err(|error| CliError::Usage(format!("these settings cannot be stored: {error}")))?;
     let answer = engine::rerun(&folders.run, &patient, args.from, &overrides).await?;
     answer::tell(&answer, Some(&folders), talk)?;
+    if args.from == Stage::Step1 && PatientView(&record).step1_converged() && only_way(&assignments)
+    {
+        talk.hint(
+            "step 1 of this patient had converged and ends there again: a smaller \
+             `--set step1.tolerance=` lets it continue",
+        );
+    }
     Ok(Exit::Ok)
+}
+
+/// Whether assignments change only the way of step 1, and not where it ends.
+fn only_way(assignments: &[String]) -> bool {
+    let of_way = ["step1.damping", "step1.bounds"];
+    (assignments.iter()).all(|text| of_way.iter().any(|key| text.starts_with(key)))
 }
 
 /// `KEY=LO:HI` as an assignment to a setting of the step that fits the parameter.
@@ -108,6 +122,14 @@ fn bounds_assignment(text: &str, from: Stage) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn damping_and_bounds_change_only_the_way_of_step_1() {
+        let of =
+            |texts: &[&str]| only_way(&texts.iter().map(|t| (*t).to_owned()).collect::<Vec<_>>());
+        assert!(of(&[]) && of(&["step1.damping=0.5", "step1.bounds.t_CR_ms=[1.0, 2.0]"]));
+        assert!(!of(&["step1.damping=0.5", "step1.tolerance=0.01"]));
+    }
 
     #[test]
     fn bounds_go_to_the_step_that_fits_the_parameter() {

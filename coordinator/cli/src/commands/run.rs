@@ -11,6 +11,7 @@ use cardiotwin_engine::{
 use cardiotwin_input::{self as input, Cohort, Options, Report};
 use cardiotwin_report::html::{self, Pages};
 use cardiotwin_schemas::ids::PatientId;
+use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
 use cardiotwin_schemas::status::{PatientStatus, RefusedPatient};
@@ -124,7 +125,8 @@ pub struct RunArgs {
 /// [`CliError::Input`] if the input has errors; errors of the engine and the report.
 pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
-    let folders = args.place.folders();
+    let mut folders = args.place.folders();
+    folders.find_cohort().await?;
     folders
         .refuse_sweep("continue it with `cardiotwin sweep`, see `cardiotwin sweep status DIR`")?;
     let given = args.settings();
@@ -150,7 +152,7 @@ pub async fn execute(args: &RunArgs, talk: &Talk) -> Result<Exit, CliError> {
         if let Some(told) = told.as_ref().filter(|_| !args.json) {
             talk.data(&format!("{told}\n"))?;
         }
-        return dry_run(&cohort, &folders, args.json, talk).await;
+        return dry_run(&cohort, &folders, args, talk).await;
     }
     if let Some(told) = &told {
         redone::consent(told, args.yes, talk)?;
@@ -566,8 +568,11 @@ async fn finish(
     }
     if summary.stopped {
         talk.say("stopped; no finished result is lost");
+        let only: String = (args.patients.iter())
+            .map(|patient| format!(" --patient {patient}"))
+            .collect();
         talk.hint(&format!(
-            "continue with `cardiotwin run{}`",
+            "continue with `cardiotwin run{}{only}`",
             folders.as_argument("")
         ));
         return Ok(Exit::Interrupted);
@@ -641,7 +646,7 @@ pub(super) async fn on_cluster(
 async fn dry_run(
     cohort: &Cohort,
     folders: &Folders,
-    json: bool,
+    args: &RunArgs,
     talk: &Talk,
 ) -> Result<Exit, CliError> {
     let stands: BTreeMap<PatientId, String> = match Reader::open(&folders.run).await {
@@ -656,7 +661,10 @@ async fn dry_run(
     let plans = cohort.plans();
     let foreseen = engine::foresee(&folders.run, &plans).await?;
     let mut rows = Vec::new();
-    for plan in plans {
+    let is_wanted = |plan: &ResolvedPatient| {
+        args.patients.is_empty() || args.patients.contains(&plan.id.to_string())
+    };
+    for plan in plans.into_iter().filter(is_wanted) {
         let would = match foreseen.get(&plan.id) {
             None => "start with step 0".to_owned(),
             Some(Foreseen::Stays) => "change nothing".to_owned(),
@@ -667,7 +675,8 @@ async fn dry_run(
         let stands = stands.get(&plan.id).map_or("-", String::as_str).to_owned();
         rows.push([plan.id.to_string(), stands, would]);
     }
-    if json {
+    let n_patients = rows.len();
+    if args.json {
         let row = |[patient, stands_at, would]: &[String; 3]| serde_json::json!({"patient": patient, "stands_at": stands_at, "would": would});
         let rows: Vec<_> = rows.iter().map(row).collect();
         talk.json(&serde_json::json!({"run_dir": folders.run, "patients": rows}))?;
@@ -684,7 +693,7 @@ async fn dry_run(
     };
     talk.data(&format!(
         "{} in {}; {workers}\n",
-        count(cohort.patients.len(), "patient"),
+        count(n_patients, "patient"),
         folders.run.display()
     ))?;
     Ok(Exit::Ok)

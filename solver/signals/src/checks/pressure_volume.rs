@@ -1,5 +1,7 @@
 //! Do pressure, volume and the single numbers of the patient's file belong together?
 
+use cardiotwin_units::MMHG_PER_KPA;
+
 use super::consistency::COMPARISONS;
 use super::measured::{Measured, Source, extremes};
 use crate::{BeatBiomarkers, Continuation, Problem};
@@ -62,6 +64,10 @@ pub(super) fn check_numbers(measured: &Measured, problems: &mut Vec<Problem>) {
     stroke_volume(measured, problems);
 }
 
+/// A mean atrial pressure below this share of the end-diastolic pressure is named, where the latter is more than a wrong zero.
+const LEAST_FILLING_SHARE: f64 = 0.25;
+const LEAST_EDP_MMHG: f64 = 4.0;
+
 fn atrial_pressure(measured: &Measured, problems: &mut Vec<Problem>) {
     let edp = measured
         .end_diastolic_pressure
@@ -71,9 +77,27 @@ fn atrial_pressure(measured: &Measured, problems: &mut Vec<Problem>) {
                 .pressure
                 .map(|p| (p.trace.at(0.0), "the pressure at time 0"))
         });
-    if let (Some(atrial), Some((edp, name))) = (measured.left_atrial_pressure, edp)
-        && atrial.0 > edp
-    {
+    let (Some(atrial), Some((edp, name))) = (measured.left_atrial_pressure, edp) else {
+        return;
+    };
+    if atrial.0 > 0.0 && edp > LEAST_EDP_MMHG && atrial.0 < LEAST_FILLING_SHARE * edp {
+        let in_mmhg = atrial.0 * MMHG_PER_KPA;
+        let remedy = if (0.4..1.5).contains(&(in_mmhg / edp)) {
+            format!(
+                "if it is in kPa, {in_mmhg:.1} mmHg; else correct the value, or remove the key to have it estimated"
+            )
+        } else {
+            "correct the value, or remove the key to have it estimated".to_owned()
+        };
+        let problem = Problem::warning(
+            measured.patient_file,
+            format!("{} mmHg, far below {name} of {edp:.1} mmHg", atrial.0),
+            format!("usually {:.0} to {edp:.0} mmHg", 0.5 * edp),
+            remedy,
+        );
+        problems.push(problem.at_key("preload.left_atrial_pressure_mmHg"));
+    }
+    if atrial.0 > edp {
         let problem = Problem::warning(
             measured.patient_file,
             format!("{} mmHg, above {name} of {edp:.1} mmHg", atrial.0),

@@ -300,6 +300,24 @@ fn atrial_pressure_above_the_end_diastolic_one() {
 }
 
 #[test]
+fn atrial_pressure_in_kilopascals() {
+    let of = |atrial| {
+        Patient {
+            atrial,
+            ..Patient::default()
+        }
+        .only()
+    };
+    let p = of(1.0);
+    assert!(
+        !p.is_error() && p.found.contains("far below the end-diastolic pressure"),
+        "{p}"
+    );
+    assert!(p.remedy.contains("in kPa, 7.5 mmHg"), "{p}");
+    assert!(!of(0.1).remedy.contains("kPa"));
+}
+
+#[test]
 fn end_diastolic_pressure_far_from_the_trace() {
     let p = Patient {
         edp: 14.0,
