@@ -30,8 +30,6 @@ pub struct Judged {
     pub change: &'static Change,
     /// Name of the index.
     pub index: String,
-    /// Patient.
-    pub patient: String,
     /// Change of the heart.
     pub truth: f64,
     /// Change of the twin.
@@ -100,8 +98,7 @@ pub fn answers(of: &Path, circuit: &str, asked: &Asked) -> Result<Answers, Strin
             if one["scenario"] != change.scenario {
                 continue;
             }
-            let found =
-                list(&one["indices"]).filter_map(|index| judge(change, index, patient, of_heart));
+            let found = list(&one["indices"]).filter_map(|index| judge(change, index, of_heart));
             judged.extend(found);
         }
     }
@@ -122,12 +119,7 @@ fn list(of: &Value) -> impl Iterator<Item = &Value> {
     of.as_array().into_iter().flatten()
 }
 
-fn judge(
-    change: &'static Change,
-    index: &Value,
-    patient: &str,
-    of_heart: &Value,
-) -> Option<Judged> {
+fn judge(change: &'static Change, index: &Value, of_heart: &Value) -> Option<Judged> {
     let name = index["name"].as_str()?;
     let twin = index["twin"].as_f64()?;
     let band = |key: &str| {
@@ -140,7 +132,6 @@ fn judge(
     Some(Judged {
         change,
         index: name.to_owned(),
-        patient: patient.to_owned(),
         truth: of_heart[change.name][name].as_f64()?,
         predicted: index["relative_change"].as_f64()?,
         band: band("band"),

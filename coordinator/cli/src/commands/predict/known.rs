@@ -138,13 +138,11 @@ impl Formulations {
 }
 
 fn borrowed(made: &[(String, f64)]) -> Vec<ChangeOf<'_>> {
-    let change = |(quantity, factor)| ChangeOf {
-        quantity: String::as_str(quantity),
-        factor: *factor,
-    };
-    made.iter()
-        .map(|(quantity, factor)| (quantity, factor))
-        .map(change)
+    (made.iter())
+        .map(|(quantity, factor)| ChangeOf {
+            quantity,
+            factor: *factor,
+        })
         .collect()
 }
 
