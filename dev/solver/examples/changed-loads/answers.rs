@@ -2,7 +2,7 @@
 
 use crate::changes::{CHANGES, Change};
 use crate::folder;
-use cardiotwin_calibrate::formulations::beyond;
+use cardiotwin_calibrate::formulations::{ChangeOf, Discrepancies, Table, beyond};
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -20,6 +20,8 @@ pub struct Asked {
     pub kept: bool,
     /// Whether twins that are not personalised count.
     pub counts_all: bool,
+    /// Whether changes of a size from which nothing is learnt are asked for, too.
+    pub other_sizes: bool,
     /// Number of hearts, in the order of their numbers.
     pub n_twins: usize,
 }
@@ -34,10 +36,10 @@ pub struct Judged {
     pub truth: f64,
     /// Change of the twin.
     pub predicted: f64,
-    /// Band of the change, with the discrepancy between formulations.
+    /// Band of the change, with the discrepancy between formulations; without bands in the answer that discrepancy alone.
     pub band: Option<[f64; 2]>,
-    /// Band within the model.
-    pub band_within_model: Option<[f64; 2]>,
+    /// Band within the model; without bands in the answer none wide.
+    pub band_within_model: [f64; 2],
     /// What the answer says about the change: `size`, `direction`, `neither`.
     pub known: Option<String>,
 }
@@ -74,6 +76,7 @@ pub fn answers(of: &Path, circuit: &str, asked: &Asked) -> Result<Answers, Strin
     };
     let all: Vec<&Value> = list(&answer["predictions"]).collect();
     let ventricle = (all.first()).and_then(|one| one["ventricle"].as_str());
+    let (learnt, name) = (Discrepancies::learnt(), ventricle.unwrap_or_default());
     let count = |is: &dyn Fn(&Value) -> bool| all.iter().filter(|one| is(one)).count();
     let counts = [
         all.len(),
@@ -98,7 +101,8 @@ pub fn answers(of: &Path, circuit: &str, asked: &Asked) -> Result<Answers, Strin
             if one["scenario"] != change.scenario {
                 continue;
             }
-            let found = list(&one["indices"]).filter_map(|index| judge(change, index, of_heart));
+            let found = list(&one["indices"])
+                .filter_map(|index| judge(change, index, of_heart, learnt.of(name, circuit)));
             judged.extend(found);
         }
     }
@@ -119,7 +123,12 @@ fn list(of: &Value) -> impl Iterator<Item = &Value> {
     of.as_array().into_iter().flatten()
 }
 
-fn judge(change: &'static Change, index: &Value, of_heart: &Value) -> Option<Judged> {
+fn judge(
+    change: &'static Change,
+    index: &Value,
+    of_heart: &Value,
+    learnt: Option<&Table>,
+) -> Option<Judged> {
     let name = index["name"].as_str()?;
     let twin = index["twin"].as_f64()?;
     let band = |key: &str| {
@@ -129,13 +138,22 @@ fn judge(change: &'static Change, index: &Value, of_heart: &Value) -> Option<Jud
         };
         Some([a.min(b), a.max(b)])
     };
+    let predicted = index["relative_change"].as_f64()?;
+    let made = [ChangeOf {
+        quantity: change.quantity,
+        factor: change.factor,
+    }];
+    let alone = || {
+        let half_width = learnt?.discrepancy(&made, name)?.half_width;
+        Some([predicted - half_width, predicted + half_width])
+    };
     Some(Judged {
         change,
         index: name.to_owned(),
         truth: of_heart[change.name][name].as_f64()?,
-        predicted: index["relative_change"].as_f64()?,
-        band: band("band"),
-        band_within_model: band("band_within_model"),
+        predicted,
+        band: band("band").or_else(alone),
+        band_within_model: band("band_within_model").unwrap_or([predicted; 2]),
         known: index["known"].as_str().map(str::to_owned),
     })
 }
@@ -150,7 +168,7 @@ impl Judged {
     ///
     /// - `scale`: what its discrepancy between formulations is multiplied by
     pub fn is_held(&self, scale: f64) -> Option<bool> {
-        let (whole, within) = (self.half_width(self.band?), self.within()?);
+        let (whole, within) = (self.half_width(self.band?), self.within());
         let discrepancy = scale * beyond(whole, within);
         // An end at the truth holds it, whatever the rounding.
         Some(self.error().abs() <= within.hypot(discrepancy) + 1e-9)
@@ -165,8 +183,8 @@ impl Judged {
     }
 
     /// Half width of the band within the model on the side of the truth.
-    pub fn within(&self) -> Option<f64> {
-        Some(self.half_width(self.band_within_model?))
+    pub fn within(&self) -> f64 {
+        self.half_width(self.band_within_model)
     }
 
     /// Whether the prediction has the direction of the truth.
@@ -191,19 +209,21 @@ fn ask(of: &Path, asked: &Asked, truth: &Value, circuit: &str) -> Result<Value, 
     let hearts = truth["hearts"].as_object();
     let mut ids: Vec<&String> = hearts.into_iter().flat_map(|all| all.keys()).collect();
     ids.sort_by_key(|id| number(id));
-    ids.truncate(asked.n_twins);
     let mut scenarios = String::new();
-    for change in CHANGES.iter().filter(|one| one.name == one.scenario) {
+    let is_asked = |one: &&Change| one.is_learnt || asked.other_sizes;
+    let scenarios_of = CHANGES.iter().filter(|one| one.name == one.scenario);
+    for change in scenarios_of.filter(is_asked) {
         let Change {
             name,
             quantity,
             amount,
             ..
         } = change;
-        let _ = write!(
-            scenarios,
-            "[{name}]\nset = [\"{quantity}={amount}\"]\npatients = {ids:?}\n"
-        );
+        let _ = write!(scenarios, "[{name}]\nset = [\"{quantity}={amount}\"]\n");
+        // Without a list every twin of the run is asked for, and hearts that have none are left out.
+        if asked.n_twins < ids.len() {
+            let _ = writeln!(scenarios, "patients = {:?}", &ids[..asked.n_twins]);
+        }
     }
     let file = of.join("scenarios.toml");
     folder::put(&file, &scenarios)?;

@@ -16,7 +16,7 @@ const DIGITS: f64 = 1e4;
 /// is a little too wide.
 fn errors(of: &[&Judged]) -> Errors {
     let rounded = |value: f64| (DIGITS * value).round() / DIGITS;
-    let beyond = |one: &&Judged| beyond(one.error(), one.within().unwrap_or(0.0));
+    let beyond = |one: &&Judged| beyond(one.error(), one.within());
     let right = of.iter().filter(|one| one.is_right_direction()).count();
     Errors {
         half_width: rounded(half_width(of.iter().map(beyond).collect())),

@@ -3,7 +3,7 @@
 //! ```text
 //! changed-loads make FOLDER [--hearts N] [--seed N]      a cohort, and FOLDER/truth.json
 //! cardiotwin run FOLDER --set solver.fidelity=reduced
-//! changed-loads score FOLDER [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes] [--twins N] [--kept yes]
+//! changed-loads score FOLDER [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes] [--sizes learnt] [--twins N] [--kept yes]
 //! changed-loads learn FOLDER,FOLDER FILE.json [the same]
 //! ```
 //!
@@ -12,8 +12,9 @@
 //! usual noise. Its true answers are the steady beats after one change with the same blood. `score` asks
 //! `cardiotwin predict` for the same changes of each twin, in each circuit, and prints for each change and
 //! index the mean absolute error of the relative change in percentage points, the mean error, how many
-//! predictions have the true direction, and how many true changes lie in the 90 % bands, which `--bands
-//! no` leaves out. Twins that are not personalised count with `--all yes` only. `--twins N` asks for the
+//! predictions have the true direction, and how many true changes lie in the 90 % bands. With `--bands no`
+//! these are the discrepancy between formulations alone. `--sizes learnt` leaves out changes of other sizes
+//! than those from which `learn` learns. Twins that are not personalised count with `--all yes` only. `--twins N` asks for the
 //! first N hearts alone; `--kept yes` asks for nothing and reads the answers of the last call.
 //!
 //! `learn` writes the discrepancies by which `cardiotwin predict` widens its bands (`make learn-bands`).
@@ -44,7 +45,7 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<(), String> {
-    let usage = "usage: changed-loads make|score FOLDER, learn FOLDER,FOLDER FILE.json; [--hearts N] [--seed N] [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes] [--twins N] [--kept yes]";
+    let usage = "usage: changed-loads make|score FOLDER, learn FOLDER,FOLDER FILE.json; [--hearts N] [--seed N] [--cardiotwin PATH] [--circuits open,closed] [--bands no] [--all yes] [--sizes learnt] [--twins N] [--kept yes]";
     let mut all = std::env::args().skip(1);
     let (Some(command), Some(folder)) = (all.next(), all.next()) else {
         return Err(usage.to_owned());
@@ -60,6 +61,7 @@ fn run() -> Result<(), String> {
         bands: true,
         kept: false,
         counts_all: false,
+        other_sizes: true,
         n_twins: usize::MAX,
     };
     for pair in arguments::pairs(all) {
@@ -72,6 +74,7 @@ fn run() -> Result<(), String> {
             "--bands" => asked.bands = value != "no",
             "--twins" => asked.n_twins = arguments::number(&flag, &value)?,
             "--all" => asked.counts_all = value == "yes",
+            "--sizes" => asked.other_sizes = value != "learnt",
             "--kept" => asked.kept = value == "yes",
             _ => return Err(format!("unknown argument {flag}\n{usage}")),
         }
