@@ -17,7 +17,7 @@ DEV := --release --locked --manifest-path dev/Cargo.toml
 # The worker on MPI ranks is the one thing that needs an MPI, and is left out where there is none.
 BUILD_MPI := $(CARGO) build --release --locked --package cardiotwin-worker --features mpi --bin cardiotwin-worker-mpi
 
-.PHONY: wheel test-python test-notebooks worked-changes help book install package vendor deps deps-demo build build-all test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies second-cohort afterload verify slurm-kills clean-run
+.PHONY: wheel test-python test-notebooks worked-changes help book install package vendor deps deps-demo build build-all test-mpich demo test test-all test-long bench work-precision evaluate-discover learn-discrepancies learn-bands second-cohort afterload verify slurm-kills clean-run
 
 help: ## print this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -126,6 +126,18 @@ SECOND_COHORT := $(TARGET)/second-cohort
 second-cohort: build ## make twenty patients of another formulation, on whom nothing was chosen, and personalise them (docs/step3.md)
 	$(EXAMPLE) validation -- $(SECOND_COHORT) --nulls 20 --singles 0 --seed $(SECOND_COHORT_SEED) --no-visibility --jobs $(JOBS)
 	$(BIN)/cardiotwin run $(SECOND_COHORT) || [ $$? = 7 ] # 7: a twin is off
+
+BANDS := $(TARGET)/learn-bands
+# Hearts of these seeds are kept apart: bands are judged on hearts of another.
+BANDS_COHORTS := 20261201=16 20271104=8
+learn-bands: build ## learn how far changes of predict miss those of hearts of other formulations: writes solver/calibrate/src/formulations.json
+	$(CARGO) build $(DEV) --example changed-loads
+	folders=; for cohort in $(BANDS_COHORTS); do \
+	  seed=$${cohort%=*}; folder=$(BANDS)/$$seed; folders=$$folders$${folders:+,}$$folder; \
+	  test -e $$folder/truth.json || $(BIN)/examples/changed-loads make $$folder --seed $$seed --hearts $${cohort#*=} || exit 1; \
+	  $(BIN)/cardiotwin run $$folder --fidelity reduced || [ $$? = 7 ] || exit 1; \
+	done; \
+	$(BIN)/examples/changed-loads learn "$$folders" solver/calibrate/src/formulations.json --bands no --sizes learnt --cardiotwin $(BIN)/cardiotwin
 
 RECORDS := examples/afterload
 afterload: build ## fit and search the measured records of examples/afterload; draws the pictures of docs/afterload.md

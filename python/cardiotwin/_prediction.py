@@ -36,6 +36,8 @@ class Predicted:
     """Lower end of the 90 % interval; NaN without a band."""
     p95: float
     """Upper end of the 90 % interval; NaN without a band."""
+    known: str
+    """What is known of the change: `size`, `direction` or `neither`; empty where it was not compared with other hearts."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,10 @@ class Prediction(HelpfulAttributes, Mapping[str, Predicted]):
             low, high = row["band"] or (None, None)
             values = (row["twin"], row["relative_change"], row["predicted"], low, high)
             return Predicted(
-                row["name"], unit_of(row["name"]), *(_NAN if value is None else float(value) for value in values)
+                row["name"],
+                unit_of(row["name"]),
+                *(_NAN if value is None else float(value) for value in values),
+                known=row["known"] or "",
             )
 
         return {row["name"]: one(row) for row in self.answer["indices"]}
@@ -103,6 +108,11 @@ class Prediction(HelpfulAttributes, Mapping[str, Predicted]):
         return bool(self.answer["periodic"])
 
     @property
+    def band_covers(self) -> str:
+        """What the 90 % intervals cover, in one sentence; empty without intervals."""
+        return str(self.answer["band_covers"] or "")
+
+    @property
     def remarks(self) -> list[str]:
         """Caveats, a sentence each."""
         return [str(remark) for remark in self.answer["remarks"]]
@@ -121,23 +131,26 @@ class Prediction(HelpfulAttributes, Mapping[str, Predicted]):
     def _ipython_key_completions_(self) -> list[str]:
         return list(self)
 
-    def _rows(self) -> list[tuple[str, str, float, str, float, str]]:
+    def _rows(self) -> list[tuple[str, str, float, str, float, str, str]]:
         def interval(row: Predicted) -> str:
             return f"{number(row.p5)} to {number(row.p95)}" if row.p5 == row.p5 else ""
 
         def percent(row: Predicted) -> str:
             return f"{100 * row.relative_change:+.1f} %" if row.relative_change == row.relative_change else ""
 
-        return [(r.name, r.unit, r.twin, percent(r), r.predicted, interval(r)) for r in self.values()]
+        return [(r.name, r.unit, r.twin, percent(r), r.predicted, interval(r), r.known) for r in self.values()]
+
+    def _caveats(self) -> list[str]:
+        return [f"90 % intervals: {self.band_covers}"] * bool(self.band_covers) + self.remarks
 
     def _said(self) -> str:
         made = "; ".join(f"{c.name} {number(c.before)} → {number(c.after)}" for c in self.changes)
         return f"{self.patient}: {made}"
 
     def _repr_html_(self) -> str:
-        head = ["", "unit", "twin", "change", "predicted", "90 % interval"]
-        remarks = "".join(f"<p>{html.escape(remark)}</p>" for remark in self.remarks)
+        head = ["", "unit", "twin", "change", "predicted", "90 % interval", "known"]
+        remarks = "".join(f"<p>{html.escape(remark)}</p>" for remark in self._caveats())
         return table(head, self._rows(), self._said()) + remarks + picture(self.figure, self._said())
 
     def __repr__(self) -> str:
-        return "\n".join([self._said(), aligned(self._rows()), *self.remarks])
+        return "\n".join([self._said(), aligned(self._rows()), *self._caveats()])

@@ -62,6 +62,8 @@ def test_a_prediction_has_values_bands_and_traces(twin: cardiotwin.Twin, folder:
     assert volume.unit == "mL" and volume.predicted > volume.twin == twin.biomarkers["SV_mL"]
     assert volume.p5 < volume.p95 and volume.p5 <= volume.predicted <= volume.p95
     assert volume.predicted == pytest.approx(volume.twin * (1 + volume.relative_change))
+    assert volume.known in ("size", "direction", "neither") and "other formulations" in stent.band_covers
+    assert stent.band_covers in repr(stent) and stent.band_covers in stent._repr_html_()
     for traces, peak in ((stent.before, stent["P_max_mmHg"].twin), (stent.after, stent["P_max_mmHg"].predicted)):
         assert traces["pressure_mmHg"].max() == pytest.approx(peak, rel=1e-2)
     assert stent.before["pressure_mmHg"] == pytest.approx(twin.traces["pressure_mmHg"])
@@ -72,7 +74,8 @@ def test_a_prediction_has_values_bands_and_traces(twin: cardiotwin.Twin, folder:
         and stent.periodic
     )
     quick = twin.predict({"compliance_mL_per_mmHg": 1.5}, cycle_length="-5 %", band=False)
-    assert len(quick.changes) == 2 and np.isnan(quick["SV_mL"].p5)
+    assert len(quick.changes) == 2 and np.isnan(quick["SV_mL"].p5) and quick.band_covers == ""
+    assert quick["SV_mL"].known == ""
     assert any("force-frequency" in remark for remark in quick.remarks)
 
 

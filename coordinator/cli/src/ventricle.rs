@@ -53,6 +53,14 @@ pub enum CirculationKind {
 }
 
 impl CirculationKind {
+    /// The circuit by its name in options and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Closed => "closed",
+        }
+    }
+
     /// The circuit in words.
     pub fn words(self) -> &'static str {
         match self {

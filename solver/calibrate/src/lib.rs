@@ -13,6 +13,7 @@ pub mod cohort_law;
 mod descent;
 pub mod differential_evolution;
 pub mod fixed_point;
+pub mod formulations;
 pub mod identifiability;
 mod interval;
 pub mod latin_hypercube;

@@ -1,6 +1,10 @@
 //! Hearts, their measured data and their true answers.
 
-use crate::{CHANGES, INDICES, folder};
+use crate::changes::{CHANGES, CYCLE_MS};
+use crate::folder;
+use cardiotwin_signals::pressure_volume_loop::stroke_work_mj;
+use cardiotwin_signals::{BeatBiomarkers, Continuation, Quantity, Trace};
+use cardiotwin_units::Ms;
 use cardiotwin_validation::circulation::{Beat, Rest};
 use cardiotwin_validation::measure::instruments_on;
 use cardiotwin_validation::random::Random;
@@ -8,51 +12,57 @@ use cardiotwin_validation::{Case, Further, Hearts, hidden::Instruments};
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Cycle at rest, and after the change of rate \[ms\]: 70 and 100 beats a minute.
-const CYCLES_MS: [usize; 2] = [857, 600];
 /// Hearts that are drawn before one is given up.
 const TRIES: u64 = 60;
 
-/// Values of [`INDICES`].
-fn indices(beat: &Beat) -> [f64; 5] {
+/// Indices of a beat, by the names of `cardiotwin predict`. The end-diastolic volume is the largest one.
+fn indices(beat: &Beat) -> Option<Vec<(&'static str, f64)>> {
     let largest = |values: &[f64]| values.iter().copied().fold(f64::MIN, f64::max);
-    let filled = largest(&beat.volume);
-    let emptied = beat.volume.iter().copied().fold(f64::MAX, f64::min);
-    let upstroke = beat.pressure.windows(2).map(|w| w[1] - w[0]);
-    [
-        largest(&beat.pressure),
-        upstroke.fold(f64::MIN, f64::max),
-        filled,
-        filled - emptied,
-        1.0 - emptied / filled,
-    ]
-}
-
-/// The heart's steady beat after a change with its name.
-fn changed(rest: &Rest, change: &str) -> Option<Beat> {
-    match change {
-        "periphery" => rest.changed(|heart| heart.peripheral_resistance *= 0.75),
-        "compliance" => rest.changed(|heart| {
-            heart.arterial_compliance.0 *= 0.75;
-            heart.arterial_compliance.1 *= 0.75;
-        }),
-        "filling" => rest.filled(1.2),
-        "contractility" => rest.changed(|heart| heart.strengthen(1.2)),
-        "rate" => rest.changed(|heart| heart.pace(CYCLES_MS[1])),
-        "rate-alone" => rest.changed(|heart| heart.cycle_ms = CYCLES_MS[1]),
-        _ => rest.changed(|heart| heart.aortic.resistance *= 3.0),
-    }
+    let smallest = |values: &[f64]| values.iter().copied().fold(f64::MAX, f64::min);
+    let n = beat.pressure.len();
+    let time_ms: Vec<f64> = (0..n).map(|k| k as f64).collect();
+    let pressure = Trace::new(Quantity::Pressure, time_ms, beat.pressure.clone()).ok()?;
+    let periodic = Continuation::Periodic {
+        cycle_length_ms: Ms(n as f64),
+    };
+    let of_pressure = BeatBiomarkers::of_samples(Some(&pressure), None, periodic);
+    let of_pressure = of_pressure.ok()?.values;
+    let (filled, emptied) = (largest(&beat.volume), smallest(&beat.volume));
+    let stroke = filled - emptied;
+    let aorta = &beat.aortic_pressure;
+    Some(vec![
+        ("P_max_mmHg", of_pressure.p_max_mmhg?),
+        ("EDP_mmHg", of_pressure.edp_mmhg?),
+        ("dPdt_max_mmHg_per_ms", of_pressure.dpdt_max_mmhg_per_ms?),
+        ("dPdt_min_mmHg_per_ms", of_pressure.dpdt_min_mmhg_per_ms?),
+        ("PTD90_ms", of_pressure.ptd90_ms?),
+        ("EDV_mL", filled),
+        ("ESV_mL", emptied),
+        ("SV_mL", stroke),
+        ("ejection_fraction", stroke / filled),
+        ("cardiac_output_L_per_min", 60.0 * stroke / n as f64),
+        (
+            "stroke_work_mJ",
+            stroke_work_mj(&beat.volume, &beat.pressure)?,
+        ),
+        ("aortic_systolic_mmHg", largest(aorta)),
+        ("aortic_diastolic_mmHg", smallest(aorta)),
+        (
+            "aortic_mean_mmHg",
+            aorta.iter().sum::<f64>() / aorta.len() as f64,
+        ),
+    ])
 }
 
 /// Relative changes of the indices by change; `None` if one of the changed hearts is not steady.
 fn truth(rest: &Rest) -> Option<Value> {
-    let before = indices(&rest.changed(|_| {})?);
+    let before = indices(&rest.changed(|_| {})?)?;
     let mut all = Map::new();
-    for (change, _) in CHANGES {
-        let after = indices(&changed(rest, change)?);
-        let shares = (INDICES.iter().zip(after).zip(before))
-            .map(|((name, after), before)| ((*name).to_owned(), json!(after / before - 1.0)));
-        all.insert(change.to_owned(), Value::Object(shares.collect()));
+    for change in CHANGES {
+        let after = indices(&(change.of_heart)(rest)?)?;
+        let shares = (after.iter().zip(&before))
+            .map(|((name, after), (_, before))| ((*name).to_owned(), json!(after / before - 1.0)));
+        all.insert(change.name.to_owned(), Value::Object(shares.collect()));
     }
     Some(Value::Object(all))
 }
@@ -61,7 +71,7 @@ fn truth(rest: &Rest) -> Option<Value> {
 fn drawn(hearts: Hearts, seed: u64) -> Option<(Case, Value)> {
     for attempt in 0..TRIES {
         let mut heart = hearts.draw(&mut Random::new(seed, 2 * attempt));
-        heart.pace(CYCLES_MS[0]);
+        heart.pace(CYCLE_MS);
         let Some(rest) = heart.rest().filter(|r| hearts.refused(&r.beat).is_none()) else {
             continue;
         };
@@ -97,21 +107,8 @@ pub fn make(into: &Path, n_hearts: usize, seed: u64) -> Result<(), String> {
         folder::write(into, &id, &case, &Further::default())?;
         all.insert(id, truth);
     }
+    println!("{} hearts of {n_hearts}", all.len());
     let text = serde_json::to_string_pretty(&json!({ "seed": seed, "hearts": all }))
         .map_err(|e| e.to_string())?;
-    folder::put(&into.join("truth.json"), &(text + "\n"))?;
-    for (change, _) in CHANGES {
-        let mean = |index: &str| {
-            let values: Vec<f64> = (all.values())
-                .filter_map(|heart| heart[change][index].as_f64())
-                .collect();
-            format!(
-                "{:+6.1}",
-                100.0 * values.iter().sum::<f64>() / values.len() as f64
-            )
-        };
-        println!("{change:14} {}", INDICES.map(mean).join(" "));
-    }
-    println!("mean true change in percent: {}", INDICES.join(", "));
-    Ok(())
+    folder::put(&into.join("truth.json"), &(text + "\n"))
 }

@@ -1,155 +1,99 @@
 //! Predictions of a finished run against the true answers.
 
-use crate::{CHANGES, INDICES, folder};
-use serde_json::Value;
-use std::fmt::Write as _;
+use crate::answers::{Asked, Judged, answers};
+use crate::changes::CHANGES;
 use std::path::Path;
-use std::process::Command;
 
-/// What is asked for.
-pub struct Asked<'a> {
-    /// Program `cardiotwin`.
-    pub program: &'a Path,
-    /// Circuits to compare.
-    pub circuits: &'a [&'a str],
-    /// Whether to predict bands.
-    pub bands: bool,
-    /// Whether twins that are not personalised count.
-    pub counts_all: bool,
-    /// Number of hearts, in the order of their numbers.
-    pub n_twins: usize,
+/// A share in words: how many of how many.
+fn of_all<'a>(all: impl Iterator<Item = &'a bool> + Clone) -> String {
+    let held = all.clone().filter(|held| **held).count();
+    format!("{held:3}/{:<3}", all.count())
 }
 
-/// Errors of an index after a change over the twins, in percentage points, and bands.
-#[derive(Default)]
-struct Errors {
-    signed: Vec<f64>,
-    in_band: usize,
-    bands: usize,
-}
-
-impl Errors {
-    fn enter(&mut self, truth: f64, index: &Value) -> Option<()> {
-        let predicted = index["relative_change"].as_f64()?;
-        self.signed.push(100.0 * (predicted - truth));
-        let twin = index["twin"].as_f64()?;
-        if let [Some(low), Some(high)] = [0, 1].map(|end| index["band"][end].as_f64()) {
-            let (a, b) = (low / twin - 1.0, high / twin - 1.0);
-            self.in_band += usize::from((a.min(b)..=a.max(b)).contains(&truth));
-            self.bands += 1;
-        }
-        Some(())
-    }
-
-    /// Mean absolute and mean error, and coverage.
-    fn cells(&self) -> String {
-        let n = self.signed.len().max(1) as f64;
-        let absolute = self.signed.iter().map(|e| e.abs()).sum::<f64>() / n;
-        let mean = self.signed.iter().sum::<f64>() / n;
-        let (inside, bands) = (self.in_band, self.bands);
-        format!("{absolute:5.1} {mean:+6.1} {inside:3}/{bands:<3}")
-    }
-}
-
-/// The answer of `cardiotwin predict` for all scenarios in a circuit.
-fn predictions(
-    of: &Path,
-    asked: &Asked<'_>,
-    truth: &Value,
-    circuit: &str,
-) -> Result<Value, String> {
-    let number = |id: &str| id.rsplit('-').next().map(str::to_owned);
-    let hearts = truth["hearts"].as_object();
-    let mut ids: Vec<&String> = hearts.into_iter().flat_map(|all| all.keys()).collect();
-    ids.sort_by_key(|id| number(id));
-    ids.truncate(asked.n_twins);
-    let mut scenarios = String::new();
-    for (name, set) in CHANGES.iter().filter(|(name, _)| *name != "rate-alone") {
-        let _ = write!(
-            scenarios,
-            "[{name}]\nset = [\"{set}\"]\npatients = {ids:?}\n"
-        );
-    }
-    let file = of.join("scenarios.toml");
-    folder::put(&file, &scenarios)?;
-    let program = asked.program;
-    let output = Command::new(program)
-        .arg("predict")
-        .args(["--json", "--circulation", circuit, "--scenarios"])
-        .args([file.as_os_str(), "--cohort".as_ref(), of.as_os_str()])
-        .args((!asked.bands).then_some("--no-band"))
-        .output()
-        .map_err(|e| format!("{}: {e}", program.display()))?;
-    // Twins that are not personalised end the program with an exit code, after the answer.
-    let said = String::from_utf8_lossy(&output.stderr);
-    let text = String::from_utf8_lossy(&output.stdout);
-    folder::put(&of.join(format!("{circuit}.json")), &text)?;
-    serde_json::from_str(&text).map_err(|e| format!("{}: {e}\n{said}", program.display()))
-}
-
-/// Prints the table of errors.
-pub fn score(of: &Path, asked: &Asked<'_>) -> Result<(), String> {
-    let circuits = asked.circuits;
-    let path = of.join("truth.json");
-    let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let truth: Value = serde_json::from_str(&text).map_err(|e| e.to_string())?;
-    let answers = (circuits.iter())
-        .map(|circuit| predictions(of, asked, &truth, circuit))
-        .collect::<Result<Vec<_>, _>>()?;
-    let mut heading = format!("{:14} {:22}   true", "change", "index");
-    circuits
-        .iter()
-        .for_each(|circuit| heading += &format!("   {circuit:20}"));
-    println!(
-        "{heading}\n{:45}   |e|   mean  in band, percentage points",
-        ""
-    );
-    for (change, set) in CHANGES {
-        for index in INDICES {
-            let mut trues = Vec::new();
-            let mut row = String::new();
-            for answer in &answers {
-                let mut errors = Errors::default();
-                let first = CHANGES.iter().find(|(_, other)| *other == set);
-                let scenario = first.map_or(change, |(name, _)| name);
-                let all = answer["predictions"].as_array().into_iter().flatten();
-                trues.clear();
-                for one in all.filter(|one| one["scenario"] == scenario) {
-                    if !(asked.counts_all || one["personalised"] == true) {
-                        continue;
-                    }
-                    let of_heart = &truth["hearts"][one["patient"].as_str().unwrap_or("")];
-                    let Some(true_change) = of_heart[change][index].as_f64() else {
-                        continue;
-                    };
-                    let indices = one["indices"].as_array().into_iter().flatten();
-                    let Some(found) = indices.into_iter().find(|i| i["name"] == index) else {
-                        continue;
-                    };
-                    if errors.enter(true_change, found).is_some() {
-                        trues.push(100.0 * true_change);
-                    }
-                }
-                row += &format!("   {:20}", errors.cells());
-            }
-            let mean = trues.iter().sum::<f64>() / trues.len().max(1) as f64;
-            println!("{change:14} {index:22} {mean:+6.1}{row}");
-        }
-    }
-    for (circuit, answer) in circuits.iter().zip(&answers) {
-        let all: Vec<&Value> = answer["predictions"]
-            .as_array()
-            .into_iter()
-            .flatten()
-            .collect();
-        let count = |is: &dyn Fn(&Value) -> bool| all.iter().filter(|one| is(one)).count();
+/// Prints mean absolute and mean error, right directions and true changes in bands: of each change and index, then of
+/// all changes whose size was learnt, and of those of another size.
+pub fn score(of: &Path, asked: &Asked) -> Result<(), String> {
+    for circuit in &asked.circuits {
+        let found = answers(of, circuit, asked)?;
+        let names: Vec<&str> = indices(&found.judged);
         println!(
-            "{circuit}: {} predictions, {} in the asked circuit, {} periodic, {} of personalised twins",
-            all.len(),
-            count(&|one| one["circulation"] == *circuit),
-            count(&|one| one["periodic"] == true),
-            count(&|one| one["personalised"] == true),
+            "{}, {circuit} circuit: {} twins",
+            found.ventricle,
+            found.twins.len()
+        );
+        println!(
+            "{:18} {:25} true   |e|   mean  direction  in band, percentage points",
+            "change", "index"
+        );
+        for change in &CHANGES {
+            for index in &names {
+                let all: Vec<&Judged> = (found.judged.iter())
+                    .filter(|one| one.change.name == change.name && one.index == *index)
+                    .collect();
+                if !all.is_empty() {
+                    println!("{:18} {index:25} {}", change.name, row(&all));
+                }
+            }
+        }
+        for (words, is_learnt) in [("learnt sizes", true), ("other sizes", false)] {
+            let of_size = |one: &&Judged| one.change.is_learnt == is_learnt;
+            let all = || found.judged.iter().filter(of_size);
+            for index in &names {
+                let of_index: Vec<&Judged> = all().filter(|one| one.index == *index).collect();
+                println!("{words:18} {index:25} {}", row(&of_index));
+            }
+            println!(
+                "{words:18} {:25} {}",
+                "all",
+                row(&all().collect::<Vec<_>>())
+            );
+            for scale in [0.0, 0.5, 2.0] {
+                let held: Vec<bool> = all().filter_map(|one| one.is_held(scale)).collect();
+                println!(
+                    "{words:18} in band with {scale} times the discrepancy {}",
+                    of_all(held.iter())
+                );
+            }
+            for known in ["size", "direction", "neither"] {
+                let said = |one: &&Judged| one.known.as_deref() == Some(known);
+                let right: Vec<bool> = all().filter(said).map(Judged::is_right_direction).collect();
+                println!(
+                    "{words:18} known: {known}, direction right {}",
+                    of_all(right.iter())
+                );
+            }
+        }
+        let [all, asked, periodic, personalised] = found.counts;
+        println!(
+            "{all} predictions, {asked} in the asked circuit, {periodic} periodic, {personalised} of personalised twins"
         );
     }
     Ok(())
+}
+
+/// Names of the indices, in the order of the answers.
+fn indices(of: &[Judged]) -> Vec<&str> {
+    let mut names: Vec<&str> = Vec::new();
+    for one in of {
+        if !names.contains(&one.index.as_str()) {
+            names.push(&one.index);
+        }
+    }
+    names
+}
+
+fn row(all: &[&Judged]) -> String {
+    let n = all.len().max(1) as f64;
+    let mean =
+        |value: &dyn Fn(&Judged) -> f64| 100.0 * all.iter().map(|one| value(one)).sum::<f64>() / n;
+    let right: Vec<bool> = all.iter().map(|one| one.is_right_direction()).collect();
+    let held: Vec<bool> = all.iter().filter_map(|one| one.is_held(1.0)).collect();
+    format!(
+        "{:+6.1} {:5.1} {:+6.1}    {}    {}",
+        mean(&|one| one.truth),
+        mean(&|one| one.error().abs()),
+        mean(&Judged::error),
+        of_all(right.iter()),
+        of_all(held.iter())
+    )
 }

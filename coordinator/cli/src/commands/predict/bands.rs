@@ -48,6 +48,15 @@ impl Interval {
         let shift = change - self.median;
         [self.low + shift, self.high + shift]
     }
+
+    /// [`Self::around`] a change with a symmetric error beyond the draws, added in quadrature on each side.
+    pub fn widened(&self, change: f64, half_width: f64) -> [f64; 2] {
+        let [low, high] = self.around(change);
+        [
+            change - half_width.hypot(change - low),
+            change + half_width.hypot(high - change),
+        ]
+    }
 }
 
 /// Intervals of the relative changes by index.
@@ -175,5 +184,10 @@ mod tests {
         let [low, high] = interval.around(-0.1);
         assert!((low - (-0.1 - 0.248)).abs() < 0.005, "{low}");
         assert!((high - (-0.1 + 0.67)).abs() < 0.005, "{high}");
+        let same = interval.widened(-0.1, 0.0);
+        assert!((same[0] - low).abs() < 1e-12 && (same[1] - high).abs() < 1e-12);
+        let [lower, higher] = interval.widened(-0.1, 0.3);
+        assert!(lower < low && higher > high);
+        assert!((lower - (-0.1 - 0.389)).abs() < 0.005, "{lower}");
     }
 }

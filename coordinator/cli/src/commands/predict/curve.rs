@@ -86,6 +86,8 @@ mod tests {
             relative_change: None,
             predicted: Some(predicted),
             band: None,
+            band_within_model: None,
+            known: None,
             simulated_before: None,
             simulated_after: Some(simulated_after),
         }

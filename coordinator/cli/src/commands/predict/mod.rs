@@ -6,12 +6,14 @@ mod change;
 mod circuit;
 mod curve;
 pub mod indices;
+mod known;
 pub mod law_file;
 mod predicted;
 mod scenarios;
 
 use std::path::{Path, PathBuf};
 
+use cardiotwin_calibrate::formulations::Discrepancies;
 use cardiotwin_engine::{Reader, find_worker};
 use cardiotwin_report::html::prediction::{BeatLines, figure};
 use cardiotwin_report::results::atomic;
@@ -26,6 +28,7 @@ use self::bands::Bands;
 use self::change::{Change, Changed};
 use self::circuit::{Both, TwinsLoop, both};
 use self::indices::{Traces, changes, indices, value_of};
+use self::known::{Formulations, Known};
 use self::law_file::LawKnowledgeFile;
 use self::predicted::Predicted;
 use crate::error::CliError;
@@ -121,6 +124,10 @@ struct Prediction {
     /// Whether the twin's verdict says that it is personalised.
     personalised: bool,
     indices: Vec<Predicted>,
+    /// What the bands cover, in one sentence, and whether the discrepancy between formulations is part of it; `None`
+    /// without bands.
+    band_covers: Option<String>,
+    band_covers_formulations: Option<bool>,
     remarks: Vec<String>,
     files: Vec<PathBuf>,
 }
@@ -256,19 +263,33 @@ fn predict(
         &of(result_before, traces_before, twin.cycle_length_ms),
         &of(result_after, traces_after, both.cycle_length_after_ms),
     );
+    let ventricle_name = simulated_ventricle(&twin.organ, args.in_3d, law.is_some());
+    let circulation = match circuit {
+        Some(_) => CirculationKind::Closed,
+        None => CirculationKind::Open,
+    };
+    let compared = match (&twin.organ, ventricle_name) {
+        // Other ventricles of the same name: an external solver's law, a stand-in for a 3D one.
+        (OrganSpec::External(_), "organ's law") => "external solver's law",
+        (OrganSpec::FiniteElement(_) | OrganSpec::External(_), "one-fibre") => "substitute",
+        (_, name) => name,
+    };
+    let formulations = Formulations::of(
+        &Discrepancies::learnt(),
+        (compared, circulation.name()),
+        &both.made,
+        args.beats.is_none(),
+    );
     let mut unlike = Vec::new();
     for index in &mut indices {
-        let Some(((interval, twin), change)) = bands
-            .get(index.name)
-            .zip(index.twin)
-            .zip(index.relative_change)
-        else {
+        let Some(interval) = bands.get(index.name) else {
             continue;
         };
-        let [a, b] = interval.around(change).map(|c| twin * (1.0 + c));
-        // The order turns where the index is negative.
-        index.band = Some([a.min(b), a.max(b)]);
-        if !interval.contains(change) {
+        formulations.enter(index, interval);
+        if index
+            .relative_change
+            .is_some_and(|change| !interval.contains(change))
+        {
             unlike.push(index.name);
         }
     }
@@ -295,25 +316,18 @@ fn predict(
             remarks.push(format!("{word}: {check}"));
         }
     }
+    let has_bands = indices.iter().any(|index| index.band.is_some());
     let mut prediction = Prediction {
         scenario,
         patient,
         changes: both.made.clone(),
-        ventricle: match (&twin.organ, args.in_3d) {
-            (OrganSpec::FiniteElement(_) | OrganSpec::External(_), false) if law.is_some() => {
-                "organ's law"
-            }
-            (OrganSpec::Reduced { .. }, _) | (_, false) => "one-fibre",
-            (OrganSpec::FiniteElement(_), true) => "finite-element",
-            (OrganSpec::External(_), true) => "external",
-        },
-        circulation: match circuit {
-            Some(_) => CirculationKind::Closed,
-            None => CirculationKind::Open,
-        },
+        ventricle: ventricle_name,
+        circulation,
         beats: [result_before.beats, result_after.beats],
         periodic: args.beats.is_some() || both.are_periodic(),
         personalised: verdict.is_some_and(|verdict| verdict.personalised),
+        band_covers: has_bands.then(|| formulations.sentence(law.is_some())),
+        band_covers_formulations: has_bands.then(|| formulations.is_learnt()),
         indices,
         remarks,
         files: Vec::new(),
@@ -329,6 +343,16 @@ fn predict(
         write(folder, &mut prediction, &own_traces, &after)?;
     }
     Ok(prediction)
+}
+
+/// Name of the ventricle in which beats are simulated.
+fn simulated_ventricle(organ: &OrganSpec, in_3d: bool, has_law: bool) -> &'static str {
+    match (organ, in_3d) {
+        (OrganSpec::FiniteElement(_) | OrganSpec::External(_), false) if has_law => "organ's law",
+        (OrganSpec::Reduced { .. }, _) | (_, false) => "one-fibre",
+        (OrganSpec::FiniteElement(_), true) => "finite-element",
+        (OrganSpec::External(_), true) => "external",
+    }
 }
 
 /// Simulates both beats in the circuit that is asked for; `None` stands for the open one. A twin that has
@@ -393,6 +417,8 @@ fn side_by_side(
             relative_change,
             predicted,
             band: None,
+            band_within_model: None,
+            known: None,
             simulated_before: value_of(before, name),
             simulated_after: value_of(after, name),
         }
@@ -463,7 +489,15 @@ fn screen(prediction: &Prediction, talk: &Talk) -> String {
         .collect();
     let mut table = Columns::new(
         talk,
-        &["INDEX", ">TWIN", ">CHANGE", ">PREDICTED", ">5 %", ">95 %"],
+        &[
+            "INDEX",
+            ">TWIN",
+            ">CHANGE",
+            ">PREDICTED",
+            ">5 %",
+            ">95 %",
+            "KNOWN",
+        ],
     );
     for index in &prediction.indices {
         let [low, high] = [0, 1].map(|end| optional(index.band.map(|band| band[end])));
@@ -475,6 +509,7 @@ fn screen(prediction: &Prediction, talk: &Talk) -> String {
             predicted,
             low,
             high,
+            index.known.map_or("-", Known::words).to_owned(),
         ];
         table.row(cells);
     }
@@ -486,8 +521,11 @@ fn screen(prediction: &Prediction, talk: &Talk) -> String {
         prediction.ventricle,
         prediction.circulation.words()
     );
-    if prediction.indices.iter().any(|index| index.band.is_some()) {
-        text += "5 % and 95 %: uncertainty of cell and valves in this model; real hearts may differ by more\n";
+    if let Some(covers) = &prediction.band_covers {
+        text += &format!("5 % and 95 %: {covers}\n");
+    }
+    if prediction.band_covers_formulations == Some(true) {
+        text += "KNOWN: size where the band has one direction; direction only where that was right in 90 % of these hearts\n";
     }
     prediction
         .remarks
@@ -520,9 +558,10 @@ fn overview(predictions: &[Prediction], talk: &Talk) -> String {
                 || "-".to_owned(),
                 |index| {
                     format!(
-                        "{} ({})",
+                        "{} ({}){}",
                         optional(index.predicted),
-                        percent(index.relative_change)
+                        percent(index.relative_change),
+                        index.known.map_or("", Known::mark)
                     )
                 },
             )
@@ -538,6 +577,9 @@ fn overview(predictions: &[Prediction], talk: &Talk) -> String {
     let mut text = table.text()
         + "predicted values, with the change between both periodic states in \
                         brackets\n";
+    if (predictions.iter()).any(|one| one.band_covers_formulations == Some(true)) {
+        text += "~ only the direction is known, ? not even that: on hearts of other formulations\n";
+    }
     for prediction in predictions {
         prediction
             .remarks

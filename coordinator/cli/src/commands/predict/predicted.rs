@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use super::known::Known;
+
 /// An index of the twin and its prediction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Predicted {
@@ -14,9 +16,13 @@ pub struct Predicted {
     pub relative_change: Option<f64>,
     /// The twin's value with `relative_change` applied.
     pub predicted: Option<f64>,
+    /// 90 % band around `predicted`: `band_within_model`, and the discrepancy between formulations where it was learnt.
+    pub band: Option<[f64; 2]>,
     /// 5th and 95th percentile of the changes of draws of the twin's posterior, moved so that `predicted`
     /// is their median; `None` without enough draws.
-    pub band: Option<[f64; 2]>,
+    pub band_within_model: Option<[f64; 2]>,
+    /// What the prediction knows of the change; `None` where the discrepancy was not learnt.
+    pub known: Option<Known>,
     /// Value in the periodic state of the simulated ventricle before the change.
     pub simulated_before: Option<f64>,
     /// Value in the periodic state of the simulated ventricle after the change.
