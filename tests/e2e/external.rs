@@ -223,7 +223,7 @@ fn parameter_files_and_nodal_results_of_opencarp_give_the_same_answer() {
     let made = std::fs::read_to_string(Path::new(directory).join("external/lv.par"))
         .expect("the template's file");
     assert!(
-        made.contains("\"TanhStress\"") && made.contains("Tpeak=") && !made.contains('{'),
+        made.contains("\"Stress_Niederer\"") && made.contains("Tpeak=") && !made.contains('{'),
         "{made}"
     );
     let directory = carp_patient["verification"]["directory"]

@@ -1,7 +1,7 @@
 //! Exports a personalised model to the file formats of openCARP and related programs: parameters of
 //! the active stress, mesh, activation times, calcium.
 //!
-//! Parameters have the names of CARP's `TanhStress` (openCARP: `Stress_Niederer`) and of openCARP's
+//! Parameters have the names of openCARP's `Stress_Niederer` (carpentry: `TanhStress`) and
 //! `Stress_Land17`. The latter is the model of Land et al. 2017 with two differences that users
 //! must know. Its rates to and from the weakly bound state are given as multiples (`nu`, `mu`) of
 //! the rates of skinned muscle, and its length dependence is max(0.87, min(1.2, λ)) instead of
@@ -65,7 +65,7 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
             model: name.clone(),
         }),
         ContractionSpec::Tanh { parameters: p } => Ok(Plugin {
-            name: "TanhStress",
+            name: "Stress_Niederer",
             parameters: listed(&[
                 ("t_emd", p.t_emd_ms),
                 ("Tpeak", p.smax_ref_kpa),
@@ -78,7 +78,7 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
                 ("ldOn", 1.0),
             ]),
             file: "tanh.par",
-            comment: "# Tanh model of step 1 (Jung et al. 2022, eqs. A1-A3). openCARP calls the plugin Stress_Niederer.\n",
+            comment: "# Tanh model of step 1 (Jung et al. 2022, eqs. A1-A3). carpentry calls the plugin TanhStress.\n",
         }),
         ContractionSpec::Land2017Rice { parameters, .. }
         | ContractionSpec::Land2017Trace { parameters, .. } => {
@@ -107,7 +107,7 @@ pub fn plugin(contraction: &ContractionSpec) -> Result<Plugin, TaskError> {
                     ("beta_1", cell.value("beta_1_uM")?),
                 ]),
                 file: "land17.par",
-                comment: "# Land 2017 as fitted by step 2. Calcium is to be that of calcium.csv (clamp Cai to it); the plugin scales tension\n\
+                comment: "# Land 2017 of the twin, or of step 2 where there is no twin. Calcium is to be that of calcium.csv (clamp Cai to it); the plugin scales tension\n\
                           # with max(0.87, min(1.2, lambda)) where Land et al. 2017 have h(lambda): set that right in a copy of the plugin.\n",
             })
         }
@@ -265,7 +265,7 @@ mod tests {
             ..TanhParameters::default()
         };
         let found = plugin(&ContractionSpec::Tanh { parameters: tanh }).unwrap();
-        assert_eq!(found.name, "TanhStress");
+        assert_eq!(found.name, "Stress_Niederer");
         let expected =
             "t_emd=15,Tpeak=91.5,tau_c0=40,tau_r=110,t_dur=550,lambda_0=0.7,ld=5,ld_up=500,ldOn=1";
         assert_eq!(found.parameters, expected);

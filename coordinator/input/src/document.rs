@@ -53,6 +53,22 @@ impl Tree {
     }
 }
 
+/// Remedy where a cohort's file was looked for in the folder of a patient.
+fn of_patient(file: &Path) -> Option<String> {
+    let folder = file.parent()?;
+    let is_patient = file.file_name()? == "cohort.toml" && folder.join("patient.toml").exists();
+    let name = std::path::absolute(folder)
+        .ok()?
+        .file_name()?
+        .to_string_lossy()
+        .into_owned();
+    is_patient.then(|| {
+        format!(
+            "this is the folder of a patient: name its cohort, and `--patient {name}` for it alone"
+        )
+    })
+}
+
 /// A file that was read and parsed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Document {
@@ -73,8 +89,10 @@ impl Document {
             Ok(bytes) => bytes,
             Err(error) => {
                 let found = format!("no readable file ({error})");
-                let remedy =
-                    "create it or make it readable; `cardiotwin init DIR` writes a template";
+                let remedy = of_patient(file).unwrap_or_else(|| {
+                    "create it or make it readable; `cardiotwin init DIR` writes a template"
+                        .to_owned()
+                });
                 report.add(patient, Problem::error(file, found, "a TOML file", remedy));
                 return None;
             }

@@ -171,7 +171,12 @@ pub struct ReadOnly {
 pub async fn readable(run_dir: &Path) -> Result<ReadOnly, StoreError> {
     let file = run_dir.join(DATABASE_FILE);
     if !file.exists() {
-        let found = "does not exist";
+        let around = run_dir.parent().filter(|p| !p.as_os_str().is_empty());
+        let found = if around.is_none_or(std::path::Path::is_dir) {
+            "does not exist"
+        } else {
+            "does not exist, nor does the folder around it"
+        };
         return Err(StoreError::Missing { file, found });
     }
     if is_empty(&file) {

@@ -108,14 +108,12 @@ impl DiskNeed {
                 self.guessed.join(", ")
             ),
         };
-        let (megabytes, inodes) = (1e-6 * self.bytes, self.inodes);
-        let mut words =
-            format!("disk: about {megabytes:.1} MB and {inodes:.0} inodes to come ({basis})");
+        let inodes = self.inodes;
+        let need = in_words(self.bytes);
+        let mut words = format!("disk: about {need} and {inodes:.0} inodes to come ({basis})");
         if self.free_bytes.is_some_and(|free| self.bytes > free as f64) {
-            words.push_str(&format!(
-                "; only {:.1} MB are free",
-                1e-6 * self.free_bytes.unwrap_or(0) as f64
-            ));
+            let free = in_words(self.free_bytes.unwrap_or(0) as f64);
+            words.push_str(&format!("; only {free} are free"));
         }
         if self
             .free_inodes
@@ -184,6 +182,15 @@ fn guess(kind: &str, plan: &ResolvedPatient) -> (f64, f64) {
             inodes,
         ),
         _ => (bytes, inodes),
+    }
+}
+
+/// Bytes in MB, and from a gigabyte on in GB.
+fn in_words(bytes: f64) -> String {
+    if bytes < 1e9 {
+        format!("{:.1} MB", 1e-6 * bytes)
+    } else {
+        format!("{:.1} GB", 1e-9 * bytes)
     }
 }
 
