@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::cell::cell_parameter;
 use cardiotwin_schemas::formats::PATIENT_TABLES;
 use cardiotwin_schemas::outcome::Determination;
@@ -13,7 +12,9 @@ use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_schemas::verdict::Verdict;
 use serde::Serialize;
 
+use crate::results::tables::biomarkers;
 use crate::results::{PatientView, Signals, Step};
+use crate::table::{Column, Table};
 
 /// Results of one patient so far.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -25,7 +26,7 @@ pub struct PatientTables {
     /// Agreement of the twin's beat with the measured biomarkers.
     pub verdict: Option<Verdict>,
     /// A row for each biomarker.
-    pub biomarkers: Vec<BiomarkerRow>,
+    pub biomarkers: Table,
     /// A row for each personalised parameter of each step.
     pub parameters: Vec<ParameterRow>,
     /// A row for each parameter of the posterior.
@@ -44,18 +45,6 @@ pub struct PatientTables {
     pub heart: Option<PathBuf>,
     /// Index of the twin's series for ParaView (`beat.pvd`).
     pub series: Option<PathBuf>,
-}
-
-/// Values of one biomarker, measured and simulated, in its unit.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BiomarkerRow {
-    pub biomarker: &'static str,
-    pub unit: &'static str,
-    pub meaning: &'static str,
-    pub measured: Option<f64>,
-    pub step1: Option<f64>,
-    pub step2: Option<f64>,
-    pub step3: Option<f64>,
 }
 
 /// A personalised parameter.
@@ -115,7 +104,7 @@ impl PatientTables {
             schema_version: PATIENT_TABLES.version,
             status: record.status.clone(),
             verdict: record.verdict.clone(),
-            biomarkers: Biomarker::ALL.map(|b| biomarker(record, b)).into(),
+            biomarkers: biomarkers::by_step(record).without(Column::is_difference),
             parameters: parameters(record),
             posterior: posterior
                 .iter()
@@ -151,21 +140,6 @@ impl PatientTables {
             heart: artefact("heart"),
             series: artefact("series"),
         }
-    }
-}
-
-fn biomarker(record: &PatientRecord, b: Biomarker) -> BiomarkerRow {
-    let view = PatientView(record);
-    let simulated = |step| view.simulated(step).and_then(|values| values.get(b));
-    let label = b.label();
-    BiomarkerRow {
-        biomarker: label.key,
-        unit: label.unit,
-        meaning: label.meaning,
-        measured: view.measured().get(b),
-        step1: simulated(Step::Step1),
-        step2: simulated(Step::Step2),
-        step3: simulated(Step::Step3),
     }
 }
 
