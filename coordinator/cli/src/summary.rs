@@ -23,8 +23,7 @@ fn columns() -> Vec<Column> {
         let difference = Column::numbers(b.key()).digits(Digits::Difference);
         difference.label(b.name())
     }));
-    let gap = Column::numbers(GAP).label("volume gap").unit("mL");
-    columns.push(gap.digits(Digits::Fixed(1)));
+    columns.push(Column::fixed(GAP, 1).label("volume gap").unit("mL"));
     columns.push(Column::numbers("time").digits(Digits::Duration));
     columns
 }

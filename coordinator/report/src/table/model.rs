@@ -92,6 +92,11 @@ impl Column {
         Self::new(key, Kind::Numbers(Digits::Auto))
     }
 
+    /// A column of numbers with this many decimals.
+    pub fn fixed(key: impl Into<Cow<'static, str>>, decimals: usize) -> Self {
+        Self::new(key, Kind::Numbers(Digits::Fixed(decimals)))
+    }
+
     /// The column with these digits.
     #[must_use]
     pub fn digits(self, digits: Digits) -> Self {
@@ -183,12 +188,6 @@ impl Cell {
     pub fn hint(self, hint: impl Into<String>) -> Self {
         let hint = hint.into();
         Self { hint, ..self }
-    }
-
-    /// A number, or a blank instead of the dash.
-    #[must_use]
-    pub fn or_blank(value: Option<f64>) -> Self {
-        value.map_or_else(|| Self::from(""), Self::from)
     }
 }
 

@@ -34,10 +34,9 @@ fn columns(run: &RunRecord) -> Vec<(Column, Of)> {
                 add(
                     Column {
                         short: "iter.",
-                        ..Column::numbers(key(step, "iterations"))
+                        ..Column::fixed(key(step, "iterations"), 0)
                             .label("iterations")
                             .meaning("simulations of step 1")
-                            .digits(Digits::Fixed(0))
                     },
                     of_step,
                     Box::new(|v| Some(v.0.iterations.len() as f64).filter(|n| *n > 0.0)),
@@ -74,11 +73,10 @@ fn columns(run: &RunRecord) -> Vec<(Column, Of)> {
             );
         }
         add(
-            Column::numbers(key(step, "gap"))
+            Column::fixed(key(step, "gap"), 1)
                 .label("gap")
                 .unit("mL")
-                .meaning(Biomarker::EndOfBeatGap.label().meaning)
-                .digits(Digits::Fixed(1)),
+                .meaning(Biomarker::EndOfBeatGap.label().meaning),
             of_step,
             Box::new(move |v| v.simulated(step)?.get(Biomarker::EndOfBeatGap)),
         );

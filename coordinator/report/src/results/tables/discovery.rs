@@ -6,18 +6,14 @@ use crate::results::discovery::finite_element::rms_of;
 use crate::results::discovery::words::{plain, probability, strength};
 use crate::table::{Cell, Column, Digits, Kind, Table, Tone, cells};
 
-fn fixed(key: &'static str, decimals: usize) -> Column {
-    Column::numbers(key).digits(Digits::Fixed(decimals))
-}
-
 /// The `n` best candidates with their evidence.
 #[must_use]
 pub fn ranking(case: &DiscoverCase, n: usize) -> Table {
     let columns = [
         Column::new("effect", Kind::Names),
         Column::figures("probability"),
-        fixed("delta_bic", 1).label("delta BIC"),
-        fixed("evidence", 1),
+        Column::fixed("delta_bic", 1).label("delta BIC"),
+        Column::fixed("evidence", 1),
         Column::words("strength").label("strength (95 %)"),
         Column::words("note"),
         Column::words("in_3d").label("in 3D"),
@@ -62,11 +58,11 @@ fn judged(case: &DiscoverCase, effect: &RankedEffect) -> (&'static str, Option<T
 /// data.
 #[must_use]
 pub fn gaps(case: &DiscoverCase) -> Table {
-    let held_out = |key: &'static str, label: &'static str| fixed(key, 2).label(label);
+    let held_out = |key: &'static str, label: &'static str| Column::fixed(key, 2).label(label);
     let columns = [
         Column::words("gap"),
-        fixed("before", 2),
-        fixed("after", 2),
+        Column::fixed("before", 2),
+        Column::fixed("after", 2),
         held_out("heldout_before", "held out before"),
         held_out("heldout_after", "held out after"),
     ];
@@ -106,8 +102,8 @@ fn place_of(gap: &GapAt) -> String {
 pub fn finite_element(found: &FiniteElementGap) -> Table {
     let columns = [
         Column::words("gap").label("gap in 3D"),
-        fixed("before", 2),
-        fixed("after", 2),
+        Column::fixed("before", 2),
+        Column::fixed("after", 2),
     ];
     let title = "Gap of the finite-element ventricle: rms residual over the noise";
     let mut table = Table::new("gaps-in-3d", title, columns);
@@ -143,7 +139,8 @@ pub fn places(case: &DiscoverCase) -> Table {
     let found = &case.found.findings;
     for place in &found.places {
         let same = |p: &&Place| p.signal == place.signal && p.phase == place.phase;
-        let after = found.where_after.iter().find(same).map(|p| p.z);
+        let after = found.where_after.iter().find(same);
+        let after = after.map_or(Cell::from(""), |place| Cell::from(place.z));
         let phase = match place.phase.as_str() {
             "beat" => String::new(),
             phase => format!(", {}", plain(phase)),
@@ -158,7 +155,7 @@ pub fn places(case: &DiscoverCase) -> Table {
             place.unit.as_str(),
             place.z,
             share,
-            Cell::or_blank(after),
+            after,
             place.biomarkers.join(", ")
         ]);
     }

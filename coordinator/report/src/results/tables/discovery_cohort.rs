@@ -6,11 +6,7 @@ use crate::results::discovery::faults;
 use crate::results::discovery::finite_element::{change, rms_of};
 use crate::results::discovery::pool::{accepted_in, pool};
 use crate::results::discovery::words::{missing, probability};
-use crate::table::{Cell, Column, Digits, Kind, Table, cells};
-
-fn fixed(key: &'static str, decimals: usize) -> Column {
-    Column::numbers(key).digits(Digits::Fixed(decimals))
-}
+use crate::table::{Cell, Column, Kind, Table, cells};
 
 fn names(key: &'static str) -> Column {
     Column::new(key, Kind::Names)
@@ -23,10 +19,10 @@ pub fn patients(cases: &DiscoverCases) -> Table {
         Column::words("patient"),
         names("missing"),
         Column::figures("probability"),
-        fixed("gap", 2),
-        fixed("after", 2),
-        fixed("heldout", 2).label("held out"),
-        fixed("heldout_after", 2).label("after"),
+        Column::fixed("gap", 2),
+        Column::fixed("after", 2),
+        Column::fixed("heldout", 2).label("held out"),
+        Column::fixed("heldout_after", 2).label("after"),
         names("indistinguishable_from"),
     ];
     let mut table = Table::new("patients", "Patients", columns);
@@ -82,11 +78,11 @@ pub fn run_misses(cases: &DiscoverCases) -> Table {
     let columns = [
         Column::words("patient"),
         Column::words("trace"),
-        fixed("step_1", 1),
-        fixed("verification", 1),
-        fixed("twin", 1),
-        fixed("organ", 1).label("organ's model"),
-        fixed("cell", 1),
+        Column::fixed("step_1", 1),
+        Column::fixed("verification", 1),
+        Column::fixed("twin", 1),
+        Column::fixed("organ", 1).label("organ's model"),
+        Column::fixed("cell", 1),
         Column::words("mostly_attributed_to"),
     ];
     let title = "Misfit of the run's beats to the measured traces, rms";
@@ -115,8 +111,8 @@ pub fn finite_elements(cases: &DiscoverCases) -> Table {
         Column::words("patient"),
         names("effects"),
         Column::words("trace").label("trace in 3D"),
-        fixed("before", 1),
-        fixed("after", 1),
+        Column::fixed("before", 1),
+        Column::fixed("after", 1),
         Column::figures("change"),
     ];
     let title = "Misfit of the finite-element ventricle over the whole beat, rms";
@@ -142,11 +138,11 @@ pub fn finite_elements(cases: &DiscoverCases) -> Table {
 pub fn filling(cases: &DiscoverCases) -> Table {
     let columns = [
         Column::words("patient"),
-        fixed("edv", 1).label("EDV").unit("mL"),
-        fixed("error_before", 1),
-        fixed("error_after", 1).label("after"),
-        fixed("late_filling_rms_before", 1),
-        fixed("late_filling_rms_after", 1).label("after"),
+        Column::fixed("edv", 1).label("EDV").unit("mL"),
+        Column::fixed("error_before", 1),
+        Column::fixed("error_after", 1).label("after"),
+        Column::fixed("late_filling_rms_before", 1),
+        Column::fixed("late_filling_rms_after", 1).label("after"),
     ];
     let title = "End-diastolic volume and late filling of the periodic beat with the file's filling pressure (mL)";
     let mut table = Table::new("filling", title, columns);

@@ -21,9 +21,7 @@ pub fn spreads(title: &str, quantities: &[QuantitySpread], results: bool) -> Tab
             .unit("%"),
         Column::figures("paper").label("paper's"),
         Column::numbers("spread").unit("%").digits(Digits::Share),
-        Column::numbers("amplification")
-            .label("of input's")
-            .digits(Digits::Fixed(2)),
+        Column::fixed("amplification", 2).label("of input's"),
     ];
     let mut table = Table::new("spreads", title.to_owned(), columns);
     for q in quantities {
