@@ -1,93 +1,111 @@
 //! The table printed at the end of a run: result of each step, next to the results of the paper's
 //! cohort.
 
+use cardiotwin_report::results::tables::cohort;
 use cardiotwin_report::results::{
-    MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step,
+    MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step, mean_error,
 };
+use cardiotwin_report::table::{Cell, Column, Digits, Table, cells};
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::status::NO_INTERVALS;
 
-use super::table::{Columns, duration, number, optional, percent};
+use super::table::{number, percent, text};
 use super::talk::{Talk, Tone};
 
-const HEADINGS: [&str; 11] = [
-    "PATIENT",
-    "STEP",
-    "RESULT",
-    ">COST",
-    ">P_max",
-    ">dPdt_max",
-    ">dPdt_min",
-    ">PTD90",
-    ">SV",
-    ">VOLUME GAP mL",
-    ">TIME",
-];
+/// Key of the volume gap in the cohort's table and in this one.
+const GAP: &str = "gap";
+
+fn columns() -> Vec<Column> {
+    let mut columns = ["patient", "step", "result"].map(Column::words).to_vec();
+    columns.push(Column::numbers("cost"));
+    columns.extend(Biomarker::TABLE_2.map(|b| {
+        let difference = Column::numbers(b.key()).digits(Digits::Difference);
+        difference.label(b.name())
+    }));
+    columns.push(Column::fixed(GAP, 1).label("volume gap").unit("mL"));
+    columns.push(Column::numbers("time").digits(Digits::Duration));
+    columns
+}
 
 /// A row for each step of a patient, followed by means of the absolute differences and the paper's
 /// means. Of more than `most` patients those that failed come first, and the rest are only counted.
 #[must_use]
 pub fn table(run: &RunRecord, most: usize, talk: &Talk) -> String {
-    let mut table = Columns::new(talk, &HEADINGS);
-    let mut shown: Vec<&PatientRecord> = run.patients.iter().collect();
+    let patients = cohort::patients(run);
+    let mut shown: Vec<usize> = (0..run.patients.len()).collect();
     if shown.len() > most {
-        shown.sort_by_key(|patient| patient.failure.is_none());
+        shown.sort_by_key(|n| run.patients[*n].failure.is_none());
         shown.truncate(most);
     }
-    for patient in &shown {
-        rows(patient).into_iter().for_each(|row| table.toned(row));
+    let mut table = Table::new("summary", "", columns());
+    let values = |n: usize, step: Step, keys: &[Column]| -> Vec<Cell> {
+        let value = |column: &Column| patients.values(&cohort::key(step, &column.key)).nth(n);
+        keys.iter()
+            .map(|column| Cell::from(value(column).cloned()))
+            .collect()
+    };
+    let numbers = &columns()[3..];
+    let (numbers, last) = (&numbers[..numbers.len() - 1], numbers.len() + 2);
+    for n in shown {
+        let patient = &run.patients[n];
+        for (k, step) in PatientView(patient).steps().iter().enumerate() {
+            let name = match k {
+                0 => patient.plan.id.as_str(),
+                _ => "",
+            };
+            let (result, tone) = result(patient, *step);
+            let mut row = cells![name, hyphened(*step)];
+            row.push(Cell::from(result).toned(tone));
+            row.extend(values(n, *step, numbers));
+            row.push(Cell::from(""));
+            table.rows.push(row);
+        }
+        if let Some(row) = table.rows.last_mut() {
+            row[last] = Cell::from(PatientView(patient).wall_s());
+        }
     }
     let any_step3 = run.patients.iter().any(|patient| patient.step3.is_some());
-    for (step, name, paper) in [
-        (Step::Step1, "step-1", Some(PAPER_STEP1_PERCENT)),
-        (Step::Step2, "step-2", Some(PAPER_STEP2_PERCENT)),
-        (Step::Step3, "step-3", None),
+    for (step, paper) in [
+        (Step::Step1, Some(PAPER_STEP1_PERCENT)),
+        (Step::Step2, Some(PAPER_STEP2_PERCENT)),
+        (Step::Step3, None),
     ] {
-        if step == Step::Step3 && !any_step3 {
-            continue;
-        }
         // Step 3's mean is over all patients that finished it; the paper's means are over patients
         // that converged.
-        let counts = |patient: &&PatientRecord| match step {
-            Step::Step3 => patient.step3.is_some(),
-            _ => PatientView(patient).step1_converged(),
+        let is_last = step == Step::Step3;
+        if is_last && !any_step3 {
+            continue;
+        }
+        let counted: Vec<PatientView> = (run.patients.iter())
+            .filter(|patient| match is_last {
+                true => patient.step3.is_some(),
+                false => PatientView(patient).step1_converged(),
+            })
+            .map(PatientView)
+            .collect();
+        let of = match is_last {
+            true => format!("of {}, absolute", counted.len()),
+            false => format!("of {} converged, absolute", counted.len()),
         };
-        let converged: Vec<&PatientRecord> = run.patients.iter().filter(counts).collect();
-        let mean = |biomarker: Biomarker| {
-            let values = converged.iter().map(|p| {
-                PatientView(p)
-                    .relative_difference(step, biomarker)
-                    .map(f64::abs)
-            });
-            MeanSd::of(values).map_or("-".to_owned(), |mean| format!("{:.1} %", 100.0 * mean.mean))
-        };
-        let mut row = vec![
-            "mean".to_owned(),
-            name.to_owned(),
-            match step {
-                Step::Step3 => format!("of {}, absolute", converged.len()),
-                _ => format!("of {} converged, absolute", converged.len()),
-            },
-        ];
-        row.push(String::new());
-        row.extend(Biomarker::TABLE_2.map(mean));
-        let open = converged
+        let mut row = cells!["mean", hyphened(step), of, ""];
+        row.extend(Biomarker::TABLE_2.map(|b| {
+            let mean = mean_error(&run.patients, step, b, !is_last);
+            size(mean.map(|mean| mean.mean))
+        }));
+        let gaps = counted
             .iter()
-            .map(|p| PatientView(p).simulated(step)?.get(Biomarker::EndOfBeatGap));
-        row.push(MeanSd::of(open).map_or("-".to_owned(), |mean| format!("{:.1}", mean.mean)));
-        table.row(row);
+            .map(|view| view.simulated(step)?.get(Biomarker::EndOfBeatGap));
+        row.push(Cell::from(MeanSd::of(gaps).map(|mean| mean.mean)));
+        row.push(Cell::from(""));
+        table.rows.push(row);
         let Some(paper) = paper else { continue };
-        let mut row = vec![
-            "paper".to_owned(),
-            name.to_owned(),
-            "Jung et al. 2022".to_owned(),
-            String::new(),
-        ];
-        row.extend(paper.map(|value| format!("{value:.1} %")));
-        table.row(row);
+        let mut row = cells!["paper", hyphened(step), "Jung et al. 2022", ""];
+        row.extend(paper.map(|percent| size(Some(percent))));
+        row.extend(cells!["", ""]);
+        table.rows.push(row);
     }
-    let mut text = table.text();
+    let mut text = text(&table, talk);
     if run.patients.len() > most {
         text.push_str(&format!(
             "… {} more patients: the report and `status --all` show them; the means are over all\n",
@@ -101,6 +119,16 @@ pub fn table(run: &RunRecord, most: usize, talk: &Talk) -> String {
          step 3's squared differences divided by the measurements' variances\n",
     );
     text
+}
+
+/// Size of a difference without its sign, percent.
+fn size(percent: Option<f64>) -> Cell {
+    Cell::from(percent.map(|percent| percent / 100.0)).digits(Digits::Share)
+}
+
+/// Name of a step as in `status`.
+fn hyphened(step: Step) -> String {
+    step.name().replace(' ', "-")
 }
 
 /// Names of the personalised patients, and the verdicts of the others; only numbers if more than
@@ -165,22 +193,18 @@ pub fn line(patient: &PatientRecord) -> String {
     if let Some(fit) = &patient.cell_fit {
         parts.push(format!("step 2 cost {}", number(fit.result.cost)));
     }
-    for (step, name) in [
-        (Step::Step1, "step 1"),
-        (Step::Step2, "step 2"),
-        (Step::Step3, "step 3"),
-    ] {
+    for step in Step::ALL {
         if view.simulated(step).is_none() {
             continue;
         }
         let errors = Biomarker::TABLE_2.map(|b| {
             format!(
                 "{} {}",
-                short(b),
+                b.name(),
                 percent(view.relative_difference(step, b))
             )
         });
-        parts.push(format!("{name}: {}", errors.join(", ")));
+        parts.push(format!("{}: {}", step.name(), errors.join(", ")));
     }
     parts.extend(patient.without_intervals());
     if let Some(failure) = &patient.failure {
@@ -189,111 +213,56 @@ pub fn line(patient: &PatientRecord) -> String {
     parts.join("; ")
 }
 
-fn short(biomarker: Biomarker) -> &'static str {
-    let key = biomarker.key();
-    ["_mmHg_per_ms", "_mmHg", "_ms", "_mL"]
-        .iter()
-        .find_map(|unit| key.strip_suffix(unit))
-        .unwrap_or(key)
-}
-
-fn rows(patient: &PatientRecord) -> Vec<Vec<(String, Option<Tone>)>> {
-    let view = PatientView(patient);
-    let mut first = vec![
-        (patient.plan.id.to_string(), None),
-        ("step-1".to_owned(), None),
-    ];
-    match (&patient.step1, &patient.failure) {
-        (Some(step1), _) => {
-            let tone = if view.step1_converged() {
-                Tone::Good
-            } else {
-                Tone::Doubtful
-            };
-            first.push((
-                format!("{step1} of {}", patient.iterations.len()),
-                Some(tone),
-            ));
-            first.push((number(step1.cost), None));
-        }
-        (None, failure) => {
-            let state = failure
+/// How a step of a patient ended, or where it stands.
+fn result(patient: &PatientRecord, step: Step) -> (String, Option<Tone>) {
+    match step {
+        Step::Step1 | Step::Step1FirstConverged => match (&patient.step1, &patient.failure) {
+            (Some(step1), _) => {
+                let tone = match PatientView(patient).step1_converged() {
+                    true => Tone::Good,
+                    false => Tone::Doubtful,
+                };
+                (
+                    format!("{step1} of {}", patient.iterations.len()),
+                    Some(tone),
+                )
+            }
+            (None, Some(failure)) => (
+                format!("failed [{}]", failure.class.as_str()),
+                Some(Tone::Bad),
+            ),
+            (None, None) => (patient.status.state.to_string(), None),
+        },
+        Step::Step2 => match patient.cell_fit.as_ref().map(|fit| &fit.result) {
+            Some(fit) if !fit.unreachable_targets.is_empty() => {
+                ("target not reachable".to_owned(), Some(Tone::Doubtful))
+            }
+            Some(fit) if fit.converged => (
+                format!("converged: generation {}", fit.generations),
+                Some(Tone::Good),
+            ),
+            Some(fit) => (
+                format!("limit: generation {}", fit.generations),
+                Some(Tone::Doubtful),
+            ),
+            None if patient.step1.is_some() => (patient.status.state.to_string(), None),
+            None => (String::new(), None),
+        },
+        Step::Step3 => {
+            let taken = match patient
+                .step3
                 .as_ref()
-                .map_or(patient.status.state.to_string(), |f| {
-                    format!("failed [{}]", f.class.as_str())
-                });
-            first.push((state, failure.as_ref().map(|_| Tone::Bad)));
-            first.push((optional(patient.status.step1_cost), None));
-        }
-    }
-    let mut second = vec![(String::new(), None), ("step-2".to_owned(), None)];
-    match &patient.cell_fit {
-        Some(fit) => {
-            let fit = &fit.result;
-            let (text, tone) = match (fit.unreachable_targets.is_empty(), fit.converged) {
-                (false, _) => ("target not reachable".to_owned(), Tone::Doubtful),
-                (true, true) => (
-                    format!("converged: generation {}", fit.generations),
-                    Tone::Good,
-                ),
-                (true, false) => (
-                    format!("limit: generation {}", fit.generations),
-                    Tone::Doubtful,
-                ),
+                .map_or(0, |step3| step3.best_iteration)
+            {
+                0 => "verification beat kept".to_owned(),
+                best => format!("beat {best} of {}", patient.step3_iterations.len()),
             };
-            second.push((text, Some(tone)));
-            second.push((number(fit.cost), None));
-        }
-        None => {
-            let state = if patient.step1.is_some() {
-                patient.status.state.to_string()
-            } else {
-                String::new()
+            let is_personalised = patient.verdict.as_ref().is_some_and(|v| v.personalised);
+            let tone = match is_personalised {
+                true => Tone::Good,
+                false => Tone::Doubtful,
             };
-            second.push((state, None));
-            second.push(("-".to_owned(), None));
+            (taken, Some(tone))
         }
     }
-    let mut rows = vec![(first, Step::Step1), (second, Step::Step2)];
-    if let Some(step3) = &patient.step3 {
-        let tone = if patient.verdict.as_ref().is_some_and(|v| v.personalised) {
-            Tone::Good
-        } else {
-            Tone::Doubtful
-        };
-        let taken = match step3.best_iteration {
-            0 => "verification beat kept".to_owned(),
-            best => format!("beat {best} of {}", patient.step3_iterations.len()),
-        };
-        let third = [
-            (String::new(), None),
-            ("step-3".to_owned(), None),
-            (taken, Some(tone)),
-            (number(step3.misfit), None),
-        ];
-        rows.push((third.into(), Step::Step3));
-    }
-    for (row, step) in &mut rows {
-        row.extend(Biomarker::TABLE_2.map(|b| (percent(view.relative_difference(*step, b)), None)));
-        let open = view
-            .simulated(*step)
-            .and_then(|b| b.get(Biomarker::EndOfBeatGap));
-        row.push((
-            open.map_or("-".to_owned(), |open| format!("{open:.1}")),
-            None,
-        ));
-    }
-    let time = view.wall_s().map_or("-".to_owned(), duration);
-    let n = rows.len();
-    for (i, (row, _)) in rows.iter_mut().enumerate() {
-        row.push((
-            if i + 1 == n {
-                time.clone()
-            } else {
-                String::new()
-            },
-            None,
-        ));
-    }
-    rows.into_iter().map(|(row, _)| row).collect()
 }

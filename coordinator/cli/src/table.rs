@@ -1,32 +1,100 @@
 //! Tables for the terminal: plain columns without frames, which can be cut and grepped.
 
-use comfy_table::{Cell, CellAlignment, Color, ContentArrangement, Table};
+use cardiotwin_report::table::{Cell, Column, Digits, Kind, Table};
+pub use cardiotwin_report::table::{duration, number, optional, percent};
+use unicode_width::UnicodeWidthStr as _;
 
 use super::talk::{Talk, Tone, harmless, paint};
 
-/// Tones, and the colours by which the table knows them until it is written.
-const TONES: [Tone; 4] = [Tone::Bad, Tone::Doubtful, Tone::Good, Tone::Quiet];
-const COLOURS: [Color; 4] = [Color::Red, Color::Yellow, Color::Green, Color::DarkGrey];
-/// The sequences that the table writes for these colours, and for their end.
-const CODES: [&str; 4] = [
-    "\x1b[38;5;9m",
-    "\x1b[38;5;11m",
-    "\x1b[38;5;10m",
-    "\x1b[38;5;8m",
-];
-const NO_COLOUR: &str = "\x1b[39m";
+/// Spaces between columns.
+const GAP: usize = 2;
 
-fn place(tone: Tone) -> usize {
-    TONES
-        .iter()
-        .position(|one| *one == tone)
-        .unwrap_or_default()
+/// The table as lines without trailing spaces, each ended by a line feed. Tones are marks, as in
+/// every text.
+#[must_use]
+pub fn text(table: &Table, talk: &Talk) -> String {
+    let headings: Vec<String> = table.columns.iter().map(heading).collect();
+    lines(table, &headings, talk)
 }
 
-/// A table under construction.
+/// Label and unit of a column in capitals. A word with a capital or an underscore, such as `EDV` or
+/// `P_max`, stays as it is.
+#[must_use]
+pub fn heading(column: &Column) -> String {
+    let is_name = |word: &str| word.contains(|c: char| c.is_uppercase() || c == '_');
+    let word = |word: &str| match is_name(word) {
+        true => word.to_owned(),
+        false => word.to_uppercase(),
+    };
+    let words: Vec<String> = column.label.split(' ').map(word).collect();
+    format!("{} {}", words.join(" "), column.unit)
+        .trim_end()
+        .to_owned()
+}
+
+/// What the terminal shows of a cell, and in which tone.
+#[must_use]
+pub fn shown(column: &Column, cell: &Cell) -> (String, Option<Tone>) {
+    let text = column.text(cell);
+    match column.kind {
+        Kind::Numbers(Digits::Difference) if cell.value.is_number() => {
+            (format!("{text} %"), cell.tone)
+        }
+        Kind::Remarks => (harmless(&text).into_owned(), Some(Tone::Quiet)),
+        // Widths are those of what is shown.
+        _ => (harmless(&text).into_owned(), cell.tone),
+    }
+}
+
+fn lines(table: &Table, headings: &[String], talk: &Talk) -> String {
+    let places: Vec<usize> = (0..headings.len())
+        .filter(|k| table.columns[*k].kind != Kind::Data)
+        .collect();
+    let head = places
+        .iter()
+        .map(|k| (headings[*k].clone(), None))
+        .collect();
+    let mut rows: Vec<Vec<(String, Option<Tone>)>> = vec![head];
+    for row in table.rows.iter().chain(&table.foot) {
+        let cell = |k: &usize| match row.get(*k) {
+            Some(cell) => shown(&table.columns[*k], cell),
+            None => (String::new(), None),
+        };
+        rows.push(places.iter().map(cell).collect());
+    }
+    let width = |k: usize| {
+        let texts = rows.iter().flat_map(|row| row[k].0.split('\n'));
+        texts.map(|line| line.width()).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..places.len()).map(width).collect();
+    let mut text = String::new();
+    for row in &rows {
+        let height = row.iter().map(|(text, _)| text.split('\n').count()).max();
+        for n in 0..height.unwrap_or(0) {
+            let mut line = String::new();
+            for (k, (text, tone)) in row.iter().enumerate() {
+                let part = text.split('\n').nth(n).unwrap_or_default();
+                let space = " ".repeat(widths[k] - part.width());
+                let gap = if k + 1 == row.len() { 0 } else { GAP };
+                let padded = match table.columns[places[k]].is_right() {
+                    true => format!("{space}{part}{:gap$}", ""),
+                    false => format!("{part}{space}{:gap$}", ""),
+                };
+                let coloured = tone.filter(|_| talk.colour_out);
+                line += &coloured.map_or(padded.clone(), |tone| paint(true, tone, &padded));
+            }
+            text += line.trim_end();
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// A table that only a terminal shows, under construction.
 pub struct Columns {
     table: Table,
-    colour: bool,
+    headings: Vec<String>,
+    talk: Talk,
 }
 
 impl Columns {
@@ -34,139 +102,123 @@ impl Columns {
     /// column of numbers.
     #[must_use]
     pub fn new(talk: &Talk, headings: &[&str]) -> Self {
-        let mut table = Table::new();
-        table.load_style(comfy_table::presets::NOTHING);
-        table.set_content_arrangement(ContentArrangement::Disabled);
-        if talk.colour_out {
-            table.enforce_styling();
-        } else {
-            table.force_no_tty();
-        }
-        table.set_header(
-            headings
-                .iter()
-                .map(|heading| heading.trim_start_matches('>')),
-        );
-        let n_columns = headings.len();
-        for (i, heading) in headings.iter().enumerate() {
-            if let Some(column) = table.column_mut(i) {
-                column.set_padding((0, if i + 1 == n_columns { 0 } else { 2 }));
-                if heading.starts_with('>') {
-                    column.set_cell_alignment(CellAlignment::Right);
-                }
-            }
-        }
+        let column = |heading: &&str| match heading.strip_prefix('>') {
+            Some(label) => Column::figures(label.to_owned()),
+            None => Column::words((*heading).to_owned()),
+        };
+        let without_mark = |heading: &&str| heading.trim_start_matches('>').to_owned();
         Self {
-            table,
-            colour: talk.colour_out,
+            table: Table::new("", "", headings.iter().map(column)),
+            headings: headings.iter().map(without_mark).collect(),
+            talk: *talk,
         }
     }
 
     /// Adds a row of plain cells.
     pub fn row<T: AsRef<str>>(&mut self, cells: impl IntoIterator<Item = T>) {
-        self.toned(
-            cells
-                .into_iter()
-                .map(|cell| (cell.as_ref().to_owned(), None)),
-        );
+        let cells = cells.into_iter().map(|cell| Cell::from(cell.as_ref()));
+        self.table.rows.push(cells.collect());
     }
 
     /// Adds a row of cells that may have a tone.
     pub fn toned(&mut self, cells: impl IntoIterator<Item = (String, Option<Tone>)>) {
-        let colour = self.colour;
-        self.table.add_row(cells.into_iter().map(|(text, tone)| {
-            // Widths are those of what is shown.
-            let cell = Cell::new(harmless(&text));
-            match tone.filter(|_| colour) {
-                Some(tone) => cell.fg(COLOURS[place(tone)]),
-                None => cell,
-            }
-        }));
+        let cells = cells
+            .into_iter()
+            .map(|(text, tone)| Cell::from(text).toned(tone));
+        self.table.rows.push(cells.collect());
     }
 
-    /// The table as lines without trailing spaces, each ended by a line feed. Tones are marks, as
-    /// in every text.
+    /// The table as in [`text`].
     #[must_use]
     pub fn text(&self) -> String {
-        let mut text = self.table.to_string();
-        if self.colour {
-            for (tone, code) in TONES.into_iter().zip(CODES) {
-                let marked = paint(true, tone, "");
-                let mut marks = marked.chars().map(String::from);
-                let (begin, end) = (marks.next(), marks.next());
-                text = text.replace(code, &begin.unwrap_or_default());
-                text = text.replace(NO_COLOUR, &end.unwrap_or_default());
-            }
-        }
-        text.lines()
-            .map(|line| format!("{}\n", line.trim_end()))
-            .collect()
+        lines(&self.table, &self.headings, &self.talk)
     }
-}
-
-/// A number with as many digits as a table needs; very large and very small ones in scientific
-/// notation.
-#[must_use]
-pub fn number(value: f64) -> String {
-    let magnitude = value.abs();
-    match value {
-        _ if !value.is_finite() => value.to_string(),
-        _ if magnitude == 0.0 => "0".to_owned(),
-        _ if magnitude >= 1e5 => format!("{value:.3e}"),
-        _ if magnitude >= 100.0 => format!("{value:.1}"),
-        _ if magnitude >= 1.0 => format!("{value:.2}"),
-        _ if magnitude >= 0.001 => format!("{value:.4}"),
-        _ => format!("{value:.2e}"),
-    }
-}
-
-/// The number as in [`number`], or a dash.
-#[must_use]
-pub fn optional(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), number)
-}
-
-/// A share as signed percent, or a dash.
-#[must_use]
-pub fn percent(value: Option<f64>) -> String {
-    value.map_or_else(
-        || "-".to_owned(),
-        |share| format!("{:+.1} %", 100.0 * share),
-    )
-}
-
-/// Seconds as `00:01:23`, short ones as `3.2 s`.
-#[must_use]
-pub fn duration(seconds: f64) -> String {
-    if !seconds.is_finite() || seconds < 0.0 {
-        return "-".to_owned();
-    }
-    if seconds < 60.0 {
-        return format!("{seconds:.1} s");
-    }
-    let whole = seconds.round() as u64;
-    format!(
-        "{:02}:{:02}:{:02}",
-        whole / 3600,
-        whole / 60 % 60,
-        whole % 60
-    )
 }
 
 #[cfg(test)]
 mod tests {
+    use cardiotwin_report::table::{cells, csv, html};
+    use proptest::prelude::*;
+
     use super::*;
     use crate::talk::coloured;
 
+    const PLAIN: Talk = Talk {
+        colour_out: false,
+        colour_err: false,
+        quiet: true,
+        bars: false,
+    };
+
+    #[test]
+    fn headings_are_words_in_capitals_with_a_unit() {
+        let headings = [
+            Column::words("held_out_before"),
+            Column::numbers("edv").label("EDV").unit("mL"),
+            Column::numbers("p").label("P_max"),
+            Column::figures("d").label("diff mean (SD; max)").unit("%"),
+        ]
+        .map(|column| heading(&column));
+        let expected = [
+            "HELD OUT BEFORE",
+            "EDV mL",
+            "P_max",
+            "DIFF MEAN (SD; MAX) %",
+        ];
+        assert_eq!(headings, expected);
+    }
+
+    proptest! {
+        /// Terminal and page print the same digits, and CSV and JSON hold the number behind them.
+        #[test]
+        fn every_medium_has_the_same_numbers(
+            values in proptest::collection::vec(
+                proptest::option::of(-1e6f64..1e6), 1..6
+            ),
+            scale in -9i32..1,
+        ) {
+            let formats = [
+                Digits::Auto, Digits::Fixed(2), Digits::Signed(1),
+                Digits::Share, Digits::Difference, Digits::Duration,
+            ];
+            let columns = formats.iter().enumerate()
+                .map(|(k, digits)| Column::numbers(format!("c{k}")).digits(*digits));
+            let names = [Column::words("name")];
+            let mut table = Table::new("t", "T", names.into_iter().chain(columns));
+            for value in values {
+                let value = value.map(|value| value * 10f64.powi(scale));
+                let mut row = cells!["<a> & \"b\""];
+                row.extend(formats.map(|_| Cell::from(value)));
+                table.rows.push(row);
+            }
+            let text = text(&table, &PLAIN);
+            let page = html(&table).into_string();
+            let page = page.replace('\u{2212}', "-").replace('\u{2013}', "-");
+            prop_assert!(page.contains("&lt;a&gt; &amp; &quot;b&quot;"));
+            let file = csv(&table);
+            let mut lines = file.lines();
+            prop_assert_eq!(lines.next(), Some("name,c0,c1,c2,c3,c4,c5"));
+            let json = serde_json::to_value(&table).unwrap();
+            for (k, row) in table.rows.iter().enumerate() {
+                let line = text.lines().nth(k + 1).unwrap();
+                let of_file = lines.next().unwrap().rsplit_once('"').unwrap().1;
+                let of_file: Vec<&str> = of_file.split(',').skip(1).collect();
+                for (i, cell) in row.iter().enumerate().skip(1) {
+                    let (column, shown) = (&table.columns[i], table.columns[i].text(cell));
+                    prop_assert!(line.contains(&shown), "{} is not in {}", shown, line);
+                    prop_assert!(page.contains(&format!(">{shown}<")), "{} is not in {}", shown, page);
+                    let of_json = Cell::from(json[k][column.key.as_ref()].clone());
+                    prop_assert_eq!(&of_json.value, &cell.value);
+                    let number: Option<f64> = of_file[i - 1].parse().ok();
+                    prop_assert_eq!(column.text(&Cell::from(number)), shown);
+                }
+            }
+        }
+    }
+
     #[test]
     fn columns_are_plain_and_numbers_stand_right() {
-        let talk = Talk {
-            colour_out: false,
-            colour_err: false,
-            quiet: true,
-            bars: false,
-        };
-        let mut table = Columns::new(&talk, &["PATIENT", ">COST", "NOTE"]);
+        let mut table = Columns::new(&PLAIN, &["PATIENT", ">COST", "NOTE"]);
         table.row(["01", "0.1", "long note"]);
         table.row(["02-long", "10.25", ""]);
         assert_eq!(
@@ -179,12 +231,10 @@ mod tests {
     fn tones_become_our_own_colours_and_names_bring_none() {
         let talk = Talk {
             colour_out: true,
-            colour_err: false,
-            quiet: true,
-            bars: false,
+            ..PLAIN
         };
         let mut table = Columns::new(&talk, &["PATIENT", "STATE", "NOTE"]);
-        for tone in TONES {
+        for tone in [Tone::Bad, Tone::Doubtful, Tone::Good, Tone::Quiet] {
             let cell = |text: &str| (text.to_owned(), None);
             let name = cell("e\x1b[38;5;9mvil");
             table.toned([name, ("word".to_owned(), Some(tone)), cell("note")]);
@@ -196,18 +246,5 @@ mod tests {
             ["31", "33", "32", "2"]
                 .map(|code| format!("e\\u001b[38;5;9mvil  \x1b[{code}mword   \x1b[0mnote"))
         );
-    }
-
-    #[test]
-    fn quantities_for_people() {
-        assert_eq!(
-            [number(0.0834), number(12.3456), number(631.0), number(1e-5)],
-            ["0.0834", "12.35", "631.0", "1.00e-5"]
-        );
-        assert_eq!(
-            [duration(3.21), duration(83.0), duration(4360.0)],
-            ["3.2 s", "00:01:23", "01:12:40"]
-        );
-        assert_eq!([percent(Some(-0.0531)), percent(None)], ["-5.3 %", "-"]);
     }
 }

@@ -9,6 +9,7 @@ use std::borrow::Cow;
 use std::io::{IsTerminal as _, Write as _};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+pub use cardiotwin_report::table::Tone;
 use clap::ValueEnum;
 use serde::Serialize;
 
@@ -25,42 +26,14 @@ pub enum ColourChoice {
     Never,
 }
 
-/// A colour with a meaning.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tone {
-    /// Red, for failures and errors.
-    Bad,
-    /// Yellow, for stalled fits and warnings.
-    Doubtful,
-    /// Green, for success.
-    Good,
-    /// Dim, for text of less importance.
-    Quiet,
-}
-
-impl Tone {
-    const ALL: [Self; 4] = [Self::Bad, Self::Doubtful, Self::Good, Self::Quiet];
-
-    /// Character that begins this tone within a text. Unicode assigns no meaning to it.
-    fn mark(self) -> char {
-        match self {
-            Self::Bad => '\u{fdd0}',
-            Self::Doubtful => '\u{fdd1}',
-            Self::Good => '\u{fdd2}',
-            Self::Quiet => '\u{fdd3}',
-        }
-    }
-
-    fn ansi(self) -> &'static str {
-        match self {
-            Self::Bad => "\x1b[31m",
-            Self::Doubtful => "\x1b[33m",
-            Self::Good => "\x1b[32m",
-            Self::Quiet => "\x1b[2m",
-        }
-    }
-}
-
+/// Each tone with the character that begins it within a text, to which Unicode assigns no meaning, and
+/// with its colour: red, yellow, green, dim.
+const TONES: [(Tone, char, &str); 4] = [
+    (Tone::Bad, '\u{fdd0}', "\x1b[31m"),
+    (Tone::Doubtful, '\u{fdd1}', "\x1b[33m"),
+    (Tone::Good, '\u{fdd2}', "\x1b[32m"),
+    (Tone::Quiet, '\u{fdd3}', "\x1b[2m"),
+];
 /// Character that ends a tone within a text.
 const END: char = '\u{fdd4}';
 /// Sequence that ends a colour.
@@ -210,24 +183,23 @@ pub fn with_causes(error: &dyn std::error::Error) -> String {
 /// `text` in the tone if `on`, with marks that become colours when it is written.
 #[must_use]
 pub fn paint(on: bool, tone: Tone, text: &str) -> String {
-    if on {
-        format!("{}{text}{END}", tone.mark())
-    } else {
-        text.to_owned()
+    match TONES.iter().find(|(one, ..)| on && *one == tone) {
+        Some((_, mark, _)) => format!("{mark}{text}{END}"),
+        None => text.to_owned(),
     }
 }
 
 /// `text` with the marks of tones as control sequences of a terminal.
 #[must_use]
 pub fn coloured(text: &str) -> Cow<'_, str> {
-    let tone = |c: char| Tone::ALL.into_iter().find(|tone| tone.mark() == c);
-    if !text.chars().any(|c| c == END || tone(c).is_some()) {
+    let colour = |c: char| TONES.iter().find(|(_, mark, _)| *mark == c);
+    if !text.chars().any(|c| c == END || colour(c).is_some()) {
         return Cow::Borrowed(text);
     }
     let mut written = String::with_capacity(text.len() + 16);
     for c in text.chars() {
-        match tone(c) {
-            Some(tone) => written.push_str(tone.ansi()),
+        match colour(c) {
+            Some((.., sequence)) => written.push_str(sequence),
             None if c == END => written.push_str(PLAIN),
             None => written.push(c),
         }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use cardiotwin_engine::{self as engine, LeafChange};
 use cardiotwin_report::results::{PatientView, Step};
+use cardiotwin_report::table::{Column, Digits, Table};
 use cardiotwin_schemas::biomarkers::Biomarker;
 
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
@@ -17,7 +18,7 @@ use crate::exit::Exit;
 use crate::place::Folders;
 use crate::redone;
 use crate::store::open;
-use crate::table::{Columns, optional, percent};
+use crate::table::text;
 use crate::talk::{Talk, count};
 
 /// Number of differences that are shown unless all are asked for.
@@ -170,20 +171,16 @@ fn of_settings(comparison: &Comparison) -> String {
 }
 
 fn table(rows: &[&Row], talk: &Talk) -> String {
-    let mut table = Columns::new(
-        talk,
-        &["PATIENT", "QUANTITY", ">BEFORE", ">AFTER", ">DIFFERENCE"],
-    );
-    for row in rows {
-        table.row([
-            row.patient.clone(),
-            row.quantity.clone(),
-            optional(row.before),
-            optional(row.after),
-            percent(row.relative_difference),
-        ]);
-    }
-    table.text()
+    let columns = [
+        Column::words("patient"),
+        Column::words("quantity"),
+        Column::numbers("before"),
+        Column::numbers("after"),
+        Column::numbers("relative_difference")
+            .label("difference")
+            .digits(Digits::Difference),
+    ];
+    text(&Table::of("quantities", columns, rows), talk)
 }
 
 /// Settings that differ in at least one patient, by key and values.
@@ -311,16 +308,12 @@ fn quantities(patient: &PatientRecord) -> (String, Vec<Group>) {
         ),
         one("verification cost", patient.verification_cost),
     ];
-    for (step, name) in [
-        (Step::Step1, "step-1"),
-        (Step::Step2, "step-2"),
-        (Step::Step3, "step-3"),
-    ] {
+    for step in Step::ALL {
         let values = view.simulated(step);
         let named = Biomarker::ALL
             .into_iter()
             .filter_map(|b| Some((b.key().to_owned(), values?.get(b)?)));
-        groups.push((name.to_owned(), named.collect()));
+        groups.push((step.name().replace(' ', "-"), named.collect()));
     }
     let organ = patient
         .step1

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use cardiotwin_report::export::PatientTables;
 use cardiotwin_report::html::{patient_page, spread_svg};
-use cardiotwin_report::results::{PatientView, SpreadFile, Step, learned_law, teachers};
+use cardiotwin_report::results::tables::{biomarkers, motion};
+use cardiotwin_report::results::{PatientView, SpreadFile, learned_law, teachers};
 use cardiotwin_schemas::ids::PatientId;
-use cardiotwin_schemas::motion::{Against, MOTION};
 use cardiotwin_schemas::organ::BeatCount;
 use cardiotwin_schemas::organ_law::LawError;
 use cardiotwin_schemas::outcome::{Determination, FittedParameter, Step1ProposalResult};
@@ -22,7 +22,7 @@ use crate::error::CliError;
 use crate::exit::Exit;
 use crate::place::{Folders, OfCohort};
 use crate::store::open;
-use crate::table::{Columns, duration, number, optional, percent};
+use crate::table::{Columns, duration, number, optional, text};
 use crate::talk::{Talk, Tone, count};
 use crate::ventricle::Ventricle;
 
@@ -87,8 +87,11 @@ pub async fn execute(args: &ShowArgs, talk: &Talk) -> Result<Exit, CliError> {
 pub fn text_of(record: &PatientRecord, talk: &Talk) -> String {
     let sections = [
         heading(record),
-        biomarkers(record, talk),
-        motion(record, talk),
+        record
+            .step0
+            .as_ref()
+            .map_or_else(String::new, |_| text(&biomarkers::shown(record), talk)),
+        motion::by_step(record).map_or_else(String::new, |motion| text(&motion, talk)),
         iterations(record, talk),
         step3(record, talk),
         organ_law(record),
@@ -187,86 +190,6 @@ fn heading(record: &PatientRecord) -> String {
         }
     }
     text
-}
-
-fn biomarkers(record: &PatientRecord, talk: &Talk) -> String {
-    let view = PatientView(record);
-    if record.step0.is_none() {
-        return String::new();
-    }
-    let mut headings = vec![
-        "BIOMARKER",
-        ">MEASURED",
-        ">STEP 1",
-        ">DIFFERENCE",
-        ">STEP 2",
-        ">DIFFERENCE",
-    ];
-    let mut steps = vec![Step::Step1, Step::Step2];
-    if record.step3.is_some() {
-        headings.extend([">STEP 3", ">DIFFERENCE"]);
-        steps.push(Step::Step3);
-    }
-    let mut table = Columns::new(talk, &headings);
-    for biomarker in Biomarker::ALL {
-        let mut row = vec![
-            biomarker.key().to_owned(),
-            optional(view.measured().get(biomarker)),
-        ];
-        for &step in &steps {
-            row.push(optional(
-                view.simulated(step)
-                    .and_then(|values| values.get(biomarker)),
-            ));
-            row.push(percent(view.relative_difference(step, biomarker)));
-        }
-        if row[1..].iter().any(|cell| cell != "-") {
-            table.row(row);
-        }
-    }
-    table.text()
-}
-
-/// Table of the finite-element ventricle's motion, with the normal ranges and a mark for each
-/// value.
-fn motion(record: &PatientRecord, talk: &Talk) -> String {
-    let view = PatientView(record);
-    let mut steps = vec![(Step::Step1, ">STEP 1"), (Step::Step2, ">STEP 2")];
-    if record.step3.is_some() {
-        steps.push((Step::Step3, ">STEP 3"));
-    }
-    let beats: Vec<_> = steps
-        .iter()
-        .map(|(step, _)| view.beat(*step).and_then(|beat| beat.result.motion))
-        .collect();
-    if beats.iter().all(Option::is_none) {
-        return String::new();
-    }
-    let mut headings = vec!["MOTION", "UNIT"];
-    headings.extend(steps.iter().flat_map(|(_, name)| [*name, ""]));
-    headings.extend(["NORMAL", "SOURCE"]);
-    let mut table = Columns::new(talk, &headings);
-    for measure in MOTION {
-        let mut row = vec![
-            (measure.name.to_owned(), None),
-            (measure.unit.to_owned(), None),
-        ];
-        for beat in &beats {
-            row.push((optional(beat.as_ref().and_then(measure.of)), None));
-            row.push(match beat.as_ref().and_then(|beat| measure.against(beat)) {
-                Some(against @ Against::Within) => (against.as_str().to_owned(), Some(Tone::Good)),
-                Some(against) => (against.as_str().to_owned(), Some(Tone::Doubtful)),
-                None => (String::new(), None),
-            });
-        }
-        let [lower, upper] = measure.normal.map(number);
-        row.extend([
-            (format!("{lower} to {upper}"), None),
-            (measure.source.to_owned(), Some(Tone::Quiet)),
-        ]);
-        table.toned(row);
-    }
-    table.text()
 }
 
 fn iterations(record: &PatientRecord, talk: &Talk) -> String {

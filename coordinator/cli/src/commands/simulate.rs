@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use cardiotwin_engine::find_worker;
 use cardiotwin_input::{self as input, nearest, value_from_text};
-use cardiotwin_schemas::biomarkers::Biomarker;
+use cardiotwin_report::results::tables::biomarkers;
 use cardiotwin_schemas::organ::{
     BeatCount, CELL_PARAMETERS, ClosedLoopSpec, ContractionSpec, OrganSpec,
 };
@@ -18,7 +18,7 @@ use serde_json::Value;
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::place::OfCohort;
-use crate::table::{Columns, optional, percent};
+use crate::table::{self, Columns};
 use crate::talk::{Talk, Tone, count};
 use crate::ventricle::{AskedFor, CirculationKind, Ventricle, ask_worker, describe, unexpected};
 use crate::vtu::announcement;
@@ -326,27 +326,8 @@ fn replace(value: &mut Value, name: &str, number: f64, known: &mut Vec<String>) 
 
 /// Table of simulated and measured biomarkers, followed by the checks and remarks.
 fn screen(result: &OrganBeatResult, passive: &PassiveStateResult, talk: &Talk) -> String {
-    let mut table = Columns::new(
-        talk,
-        &["BIOMARKER", ">MEASURED", ">SIMULATED", ">DIFFERENCE"],
-    );
-    for biomarker in Biomarker::ALL {
-        let (measured, simulated) = (
-            passive.measured.get(biomarker),
-            result.biomarkers.get(biomarker),
-        );
-        if measured.or(simulated).is_some() {
-            let difference = measured.zip(simulated).and_then(|(m, s)| {
-                cardiotwin_report::results::comparison::relative_difference(s, m)
-            });
-            table.row([
-                biomarker.key().to_owned(),
-                optional(measured),
-                optional(simulated),
-                percent(difference),
-            ]);
-        }
-    }
+    let beat = ("simulated", "simulated", Some(&result.biomarkers));
+    let table = biomarkers::compared(&passive.measured, &[beat]).without_empty_rows();
     let mut checks = Columns::new(talk, &["CHECK", "HOLDS", "FOUND", "EXPECTED"]);
     for check in &result.checks {
         let holds = if check.passed {
@@ -364,7 +345,7 @@ fn screen(result: &OrganBeatResult, passive: &PassiveStateResult, talk: &Talk) -
     let periodic = if result.periodic { ", periodic" } else { "" };
     let mut text = format!(
         "{}\n{}{}{periodic}\n",
-        table.text(),
+        table::text(&table, talk),
         checks.text(),
         count(result.beats as usize, "beat")
     );

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::table::{Row, Table, number};
 use crate::results::model::Model;
+use crate::results::tables::biomarkers;
 use crate::results::{MeanSd, PatientView, Step};
 
 fn rows(run: &RunRecord, values: impl Fn(PatientView) -> Vec<Value>) -> Vec<Row> {
@@ -100,23 +101,23 @@ pub fn table_1(run: &RunRecord) -> Table {
 pub fn table_2(run: &RunRecord) -> Table {
     let mut rows = Vec::new();
     for p in &run.patients {
-        let view = PatientView(p);
-        let values = |of: &dyn Fn(Biomarker) -> Option<f64>| {
-            Biomarker::ALL.iter().map(|b| number(of(*b))).collect()
-        };
-        let mut row = |kind, of: &dyn Fn(Biomarker) -> Option<f64>| {
+        let table = biomarkers::by_step(p);
+        let mut row = |kind, key, written: fn(f64) -> f64| {
+            let values = table
+                .values(key)
+                .map(|value| number(value.as_f64().map(written)));
             rows.push(Row {
                 patient: p.plan.id.to_string(),
                 kind: Some(kind),
-                values: values(of),
+                values: values.collect(),
             });
         };
-        let percent = |step, b| view.relative_difference(step, b).map(|d| 100.0 * d.abs());
-        row("measured", &|b| view.measured().get(b));
-        row("step1", &|b| view.simulated(Step::Step1)?.get(b));
-        row("step1_difference_percent", &|b| percent(Step::Step1, b));
-        row("step2", &|b| view.simulated(Step::Step2)?.get(b));
-        row("step2_difference_percent", &|b| percent(Step::Step2, b));
+        let percent = |share: f64| 100.0 * share.abs();
+        row("measured", "measured", |value| value);
+        row("step1", "step1", |value| value);
+        row("step1_difference_percent", "step1_difference", percent);
+        row("step2", "step2", |value| value);
+        row("step2_difference_percent", "step2_difference", percent);
     }
     Table {
         name: "table_2",

@@ -2,10 +2,9 @@
 
 use std::path::PathBuf;
 
-use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::cell::cell_parameter;
 use cardiotwin_schemas::formats::PATIENT_TABLES;
-use cardiotwin_schemas::outcome::Determination;
+use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::record::PatientRecord;
 use cardiotwin_schemas::status::PatientStatus;
 use cardiotwin_schemas::step1::Step1Parameter;
@@ -13,7 +12,9 @@ use cardiotwin_schemas::task::OrganBeatSpec;
 use cardiotwin_schemas::verdict::Verdict;
 use serde::Serialize;
 
+use crate::results::tables::biomarkers;
 use crate::results::{PatientView, Signals, Step};
+use crate::table::{Column, Kind, Table, cells};
 
 /// Results of one patient so far.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -25,11 +26,11 @@ pub struct PatientTables {
     /// Agreement of the twin's beat with the measured biomarkers.
     pub verdict: Option<Verdict>,
     /// A row for each biomarker.
-    pub biomarkers: Vec<BiomarkerRow>,
+    pub biomarkers: Table,
     /// A row for each personalised parameter of each step.
-    pub parameters: Vec<ParameterRow>,
+    pub parameters: Table,
     /// A row for each parameter of the posterior.
-    pub posterior: Vec<PosteriorRow>,
+    pub posterior: Table,
     /// Why a finished twin has no posterior although the settings ask for one.
     pub without_intervals: Option<String>,
     /// Draws of the posterior, by draw, in the order of `posterior`.
@@ -44,46 +45,6 @@ pub struct PatientTables {
     pub heart: Option<PathBuf>,
     /// Index of the twin's series for ParaView (`beat.pvd`).
     pub series: Option<PathBuf>,
-}
-
-/// Values of one biomarker, measured and simulated, in its unit.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BiomarkerRow {
-    pub biomarker: &'static str,
-    pub unit: &'static str,
-    pub meaning: &'static str,
-    pub measured: Option<f64>,
-    pub step1: Option<f64>,
-    pub step2: Option<f64>,
-    pub step3: Option<f64>,
-}
-
-/// A personalised parameter.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct ParameterRow {
-    /// Step that gave the value: `step1`, `step2` or `step3`.
-    pub step: &'static str,
-    /// Name with unit.
-    pub parameter: String,
-    /// Unit; empty for a dimensionless parameter.
-    pub unit: &'static str,
-    /// Value in the unit.
-    pub value: f64,
-}
-
-/// Knowledge about a parameter: quantiles at 5, 50 and 95 % after and before the measurements.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PosteriorRow {
-    pub parameter: String,
-    pub unit: &'static str,
-    pub twin: f64,
-    pub p5: f64,
-    pub p50: f64,
-    pub p95: f64,
-    pub prior_p5: f64,
-    pub prior_p50: f64,
-    pub prior_p95: f64,
-    pub mark: Determination,
 }
 
 /// One trace by column.
@@ -115,24 +76,9 @@ impl PatientTables {
             schema_version: PATIENT_TABLES.version,
             status: record.status.clone(),
             verdict: record.verdict.clone(),
-            biomarkers: Biomarker::ALL.map(|b| biomarker(record, b)).into(),
+            biomarkers: biomarkers::by_step(record).without(Column::is_difference),
             parameters: parameters(record),
-            posterior: posterior
-                .iter()
-                .flat_map(|p| &p.parameters)
-                .map(|(name, spread)| PosteriorRow {
-                    parameter: name.clone(),
-                    unit: unit(name),
-                    twin: spread.twin,
-                    p5: spread.posterior.p5,
-                    p50: spread.posterior.p50,
-                    p95: spread.posterior.p95,
-                    prior_p5: spread.prior.p5,
-                    prior_p50: spread.prior.p50,
-                    prior_p95: spread.prior.p95,
-                    mark: spread.mark,
-                })
-                .collect(),
+            posterior: posterior.map(knowledge).unwrap_or_default(),
             without_intervals: record.without_intervals(),
             draws: posterior.map_or_else(Vec::new, |p| p.draws.clone()),
             traces: signals
@@ -154,41 +100,61 @@ impl PatientTables {
     }
 }
 
-fn biomarker(record: &PatientRecord, b: Biomarker) -> BiomarkerRow {
-    let view = PatientView(record);
-    let simulated = |step| view.simulated(step).and_then(|values| values.get(b));
-    let label = b.label();
-    BiomarkerRow {
-        biomarker: label.key,
-        unit: label.unit,
-        meaning: label.meaning,
-        measured: view.measured().get(b),
-        step1: simulated(Step::Step1),
-        step2: simulated(Step::Step2),
-        step3: simulated(Step::Step3),
-    }
+fn data<const N: usize>(key: &'static str, keys: [&'static str; N]) -> Table {
+    Table::new(key, "", keys.map(|key| Column::new(key, Kind::Data)))
 }
 
-fn parameters(record: &PatientRecord) -> Vec<ParameterRow> {
-    let row = |step, name: &str, value| ParameterRow {
-        step,
-        parameter: name.to_owned(),
-        unit: unit(name),
-        value,
+/// Every personalised parameter with the step that gave its value.
+fn parameters(record: &PatientRecord) -> Table {
+    let mut table = data("parameters", ["step", "parameter", "unit", "value"]);
+    let mut add = |step, name: &str, value: f64| {
+        table.rows.push(cells![step, name, unit(name), value]);
     };
-    let best = PatientView(record).best_iteration();
-    let step1 = best.into_iter().flat_map(|iteration| {
-        Step1Parameter::ALL.map(|p| row("step1", p.key(), iteration.parameters.get(p)))
-    });
-    let fit = record
-        .cell_fit
-        .iter()
-        .flat_map(|fit| &fit.result.parameters);
-    let step3 = record.step3.iter().flat_map(|step3| &step3.parameters);
-    step1
-        .chain(fit.map(|p| row("step2", &p.name, p.value)))
-        .chain(step3.map(|(name, value)| row("step3", name, *value)))
-        .collect()
+    if let Some(iteration) = PatientView(record).best_iteration() {
+        for p in Step1Parameter::ALL {
+            add("step1", p.key(), iteration.parameters.get(p));
+        }
+    }
+    let fit = record.cell_fit.iter();
+    for p in fit.flat_map(|fit| &fit.result.parameters) {
+        add("step2", &p.name, p.value);
+    }
+    for (name, value) in record.step3.iter().flat_map(|step3| &step3.parameters) {
+        add("step3", name, *value);
+    }
+    table
+}
+
+/// Knowledge about each parameter: quantiles at 5, 50 and 95 % after and before the measurements.
+fn knowledge(posterior: &PosteriorResult) -> Table {
+    let keys = [
+        "parameter",
+        "unit",
+        "twin",
+        "p5",
+        "p50",
+        "p95",
+        "prior_p5",
+        "prior_p50",
+        "prior_p95",
+        "mark",
+    ];
+    let mut table = data("posterior", keys);
+    for (name, spread) in &posterior.parameters {
+        let (after, before) = (&spread.posterior, &spread.prior);
+        let mark = serde_json::to_value(spread.mark).unwrap_or_default();
+        let mut row = cells![
+            name.as_str(),
+            unit(name),
+            spread.twin,
+            after.p5,
+            after.p50,
+            after.p95
+        ];
+        row.extend(cells![before.p5, before.p50, before.p95, mark]);
+        table.rows.push(row);
+    }
+    table
 }
 
 fn unit(name: &str) -> &'static str {

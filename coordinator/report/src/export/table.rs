@@ -6,6 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::parquet::{Parquet, Values};
 use crate::results::MeanSd;
+use crate::table::{self, Cell, Column, Kind};
 
 /// A row of a table. A patient may have several rows that differ in `kind` (measured, step 1, …).
 pub struct Row {
@@ -54,48 +55,38 @@ impl Table {
         (0..self.columns.len()).map(of).collect()
     }
 
-    /// The table as CSV with the columns `patient`, `row` (if rows have kinds), and the table's own
-    /// columns. The patients are followed by rows `mean`, `SD` (with n − 1) and `n` (number of
-    /// values).
+    /// The rows below the columns `patient`, `row` (if rows have kinds), and the table's own.
+    fn rows(&self) -> table::Table {
+        let with_kind = self.rows.iter().any(|r| r.kind.is_some());
+        let mut columns = vec![Column::words("patient")];
+        columns.extend(with_kind.then(|| Column::words("row")));
+        columns.extend(self.columns.iter().cloned().map(Column::numbers));
+        let mut table = table::Table::new(self.name, self.caption, columns);
+        let rows = self.rows.iter();
+        table.rows = rows
+            .map(|r| line(&r.patient, r.kind, r.values.clone()))
+            .collect();
+        table
+    }
+
+    /// The table as CSV. The patients are followed by rows `mean`, `SD` (with n − 1) and `n` (number
+    /// of values).
     #[must_use]
     pub fn csv(&self) -> String {
-        let with_kind = self.rows.iter().any(|r| r.kind.is_some());
-        let mut out = csv::WriterBuilder::new().from_writer(Vec::new());
-        let mut line =
-            |patient: &str, kind: Option<&str>, values: &mut dyn Iterator<Item = String>| {
-                let kind = with_kind.then(|| kind.unwrap_or_default().to_owned());
-                let cells = std::iter::once(patient.to_owned())
-                    .chain(kind)
-                    .chain(values);
-                out.write_record(cells)
-                    .expect("memory takes any row of this width");
-            };
-        line("patient", Some("row"), &mut self.columns.iter().cloned());
-        for row in &self.rows {
-            line(&row.patient, row.kind, &mut row.values.iter().map(text));
-        }
+        let mut table = self.rows();
         for kind in self.kinds() {
             let spread = self.spread(kind);
-            line(
-                "mean",
-                kind,
-                &mut spread
-                    .iter()
-                    .map(|s| s.map_or(String::new(), |s| rounded(s.mean).to_string())),
-            );
-            let sd = |s: &Option<MeanSd>| {
-                s.and_then(|s| s.sd)
-                    .map_or(String::new(), |sd| rounded(sd).to_string())
+            let mut foot = |name, of: &dyn Fn(MeanSd) -> Option<f64>| {
+                let value = |s: &Option<MeanSd>| s.and_then(of).map(|v| rounded(v).to_string());
+                let values = spread.iter().map(|s| Value::from(value(s)));
+                table.foot.push(line(name, kind, values));
             };
-            line("SD", kind, &mut spread.iter().map(sd));
-            line(
-                "n",
-                kind,
-                &mut spread.iter().map(|s| s.map_or(0, |s| s.n).to_string()),
-            );
+            foot("mean", &|s| Some(s.mean));
+            foot("SD", &|s| s.sd);
+            let n = spread.iter().map(|s| json!(s.map_or(0, |s| s.n)));
+            table.foot.push(line("n", kind, n));
         }
-        String::from_utf8(out.into_inner().expect("memory is flushed"))
-            .expect("CSV of text is text")
+        table::csv(&table)
     }
 
     /// Writes the patients' rows as Parquet, with the columns of [`Table::csv`].
@@ -103,21 +94,17 @@ impl Table {
     /// # Errors
     /// Any error of `out`.
     pub fn parquet(&self, out: &mut (dyn Write + Send)) -> io::Result<()> {
-        let text = |text: &str| Some(text.to_owned());
-        let with_kind = self.rows.iter().any(|r| r.kind.is_some());
-        let mut names = vec!["patient"];
-        let patients = self.rows.iter().map(|row| text(&row.patient));
-        let mut columns = vec![Values::Text(patients.collect())];
-        if with_kind {
-            names.push("row");
-            let kinds = self.rows.iter().map(|row| row.kind.and_then(text));
-            columns.push(Values::Text(kinds.collect()));
-        }
-        for (k, name) in self.columns.iter().enumerate() {
-            names.push(name);
-            let values: Vec<&Value> = self.rows.iter().map(|row| &row.values[k]).collect();
-            columns.push(Values::of(&values));
-        }
+        let table = self.rows();
+        let names: Vec<&str> = table.columns.iter().map(|c| c.key.as_ref()).collect();
+        let values = |(k, column): (usize, &Column)| {
+            let values: Vec<&Value> = table.rows.iter().map(|row| &row[k].value).collect();
+            let text = |value: &&Value| value.as_str().map(str::to_owned);
+            match column.kind {
+                Kind::Words => Values::Text(values.iter().map(text).collect()),
+                _ => Values::of(&values),
+            }
+        };
+        let columns: Vec<Values> = table.columns.iter().enumerate().map(values).collect();
         let mut file = Parquet::begin(out, &names, &columns)?;
         file.rows(&columns)?;
         file.end()
@@ -169,12 +156,14 @@ impl Table {
     }
 }
 
-fn text(value: &Value) -> String {
-    match value {
-        Value::Null => String::new(),
-        Value::String(text) => text.clone(),
-        value => value.to_string(),
-    }
+fn line(
+    patient: &str,
+    kind: Option<&'static str>,
+    values: impl IntoIterator<Item = Value>,
+) -> Vec<Cell> {
+    let names = std::iter::once(patient).chain(kind);
+    let values = values.into_iter().map(Cell::from);
+    names.map(Cell::from).chain(values).collect()
 }
 
 /// A value with twelve significant digits, because the last bits of a sum depend on the order of

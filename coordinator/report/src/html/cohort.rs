@@ -2,36 +2,19 @@
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord, Step1Quality};
-use cardiotwin_schemas::status::PatientState;
-use cardiotwin_schemas::verdict::OFF;
 use maud::{Markup, html};
 
 use super::figures::legend;
-use super::format::{count, duration, fixed, moment, percent, raw, significant, symbol};
-use super::patient::{standing, step1_words};
+use super::format::{count, duration, fixed, moment, percent, symbol};
 use super::plot::{Axis, Chart, Mark, Reading, Scale, SvgText};
 use super::summary;
 use super::tables::scrolling;
-use crate::results::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Source, Step};
+use crate::results::{
+    MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Source, Step, mean_error,
+};
 
 /// Function that gives the link to a patient: an anchor on the same page, or a page of its own.
 pub type Link<'a> = &'a dyn Fn(&PatientRecord) -> String;
-
-/// Mean of the absolute relative differences of a biomarker over patients, percent.
-fn mean_error(
-    patients: &[PatientRecord],
-    step: Step,
-    b: Biomarker,
-    converged_only: bool,
-) -> Option<MeanSd> {
-    MeanSd::of(
-        patients
-            .iter()
-            .map(PatientView)
-            .filter(|v| !converged_only || v.step1_converged())
-            .map(|v| v.relative_difference(step, b).map(|d| 100.0 * d.abs())),
-    )
-}
 
 /// Summary of the run in one or two sentences.
 fn sentence(run: &RunRecord) -> String {
@@ -136,29 +119,20 @@ pub fn header(run: &RunRecord) -> Markup {
     }
 }
 
-fn mean_sd(value: Option<MeanSd>) -> Markup {
+/// A mean with its deviation. Next to a mean of the paper, a sign says which is larger, compared to
+/// the digit that both print.
+fn mean_sd(value: Option<MeanSd>, paper: Option<f64>) -> Markup {
+    let is_larger = |mean: f64, paper: f64| (10.0 * mean).round() > (10.0 * paper).round();
     html! {
         td.num {
-            @match value {
-                Some(v) => { (fixed(Some(v.mean), 1)) @if let Some(sd) = v.sd { span.quiet { " ± " (fixed(Some(sd), 1)) } } }
-                None => "\u{2013}",
-            }
-        }
-    }
-}
-
-/// A mean with a sign that says whether it is larger than the paper's, compared to the digit that
-/// both print.
-fn judged(value: Option<MeanSd>, paper: f64) -> Markup {
-    html! {
-        td.num {
-            @match value {
-                Some(v) => {
-                    (fixed(Some(v.mean), 1)) @if let Some(sd) = v.sd { span.quiet { " ± " (fixed(Some(sd), 1)) } }
-                    @if (10.0 * v.mean).round() <= (10.0 * paper).round() { span.good title="not larger than the paper's mean" { " ✓" } }
-                    @else { span.warn title="larger than the paper's mean" { " ▲" } }
+            (fixed(value.map(|v| v.mean), 1))
+            @if let Some(v) = value {
+                @if let Some(sd) = v.sd { span.quiet { " ± " (fixed(Some(sd), 1)) } }
+                @match paper.map(|paper| is_larger(v.mean, paper)) {
+                    Some(true) => span.warn title="larger than the paper's mean" { " ▲" },
+                    Some(false) => span.good title="not larger than the paper's mean" { " ✓" },
+                    None => {},
                 }
-                None => "\u{2013}",
             }
         }
     }
@@ -210,22 +184,22 @@ pub fn against_the_paper(run: &RunRecord) -> Markup {
                         @let (paper1, paper2) = (PAPER_STEP1_PERCENT[i], PAPER_STEP2_PERCENT[i]);
                         tr {
                             th scope="row" { (symbol(b.key())) }
-                            (judged(mean_error(patients, Step::Step1, b, false), paper1))
-                            (judged(mean_error(patients, Step::Step1, b, true), paper1))
-                            (judged(mean_error(patients, Step::Step1FirstConverged, b, false), paper1))
+                            (mean_sd(mean_error(patients, Step::Step1, b, false), Some(paper1)))
+                            (mean_sd(mean_error(patients, Step::Step1, b, true), Some(paper1)))
+                            (mean_sd(mean_error(patients, Step::Step1FirstConverged, b, false), Some(paper1)))
                             td.num { (fixed(Some(paper1), 1)) }
-                            (judged(mean_error(patients, Step::Step2, b, false), paper2))
+                            (mean_sd(mean_error(patients, Step::Step2, b, false), Some(paper2)))
                             td.num { (fixed(Some(paper2), 1)) }
-                            @if n(Step::Step3) > 0 { (mean_sd(mean_error(patients, Step::Step3, b, false))) }
+                            @if n(Step::Step3) > 0 { (mean_sd(mean_error(patients, Step::Step3, b, false), None)) }
                         }
                     }
                     tr {
                         th scope="row" { "end-of-beat gap, mL" }
                         @let gap = |step: Step, only: bool| MeanSd::of(patients.iter().map(PatientView).filter(|v| !only || v.step1_converged())
                             .map(|v| v.simulated(step).and_then(|b| b.end_of_beat_gap_ml)));
-                        (mean_sd(gap(Step::Step1, false))) (mean_sd(gap(Step::Step1, true))) (mean_sd(gap(Step::Step1FirstConverged, false)))
-                        td.num { "\u{2013}" } (mean_sd(gap(Step::Step2, false))) td.num { "\u{2013}" }
-                        @if n(Step::Step3) > 0 { (mean_sd(gap(Step::Step3, false))) }
+                        (mean_sd(gap(Step::Step1, false), None)) (mean_sd(gap(Step::Step1, true), None)) (mean_sd(gap(Step::Step1FirstConverged, false), None))
+                        td.num { "\u{2013}" } (mean_sd(gap(Step::Step2, false), None)) td.num { "\u{2013}" }
+                        @if n(Step::Step3) > 0 { (mean_sd(gap(Step::Step3, false), None)) }
                     }
                 }
             }
@@ -263,11 +237,7 @@ fn spread_out<'a>(found: &[(&'a PatientRecord, f64)], n: usize) -> Vec<(&'a Pati
 
 /// Plot with a dot per patient and biomarker, and the means as bars.
 fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
-    let class = match step {
-        Step::Step1 | Step::Step1FirstConverged => Source::Step1.name(),
-        Step::Step2 => Source::Step2.name(),
-        Step::Step3 => Source::Step3.name(),
-    };
+    let class = step.key();
     let error = |p: &PatientRecord, b| {
         PatientView(p)
             .relative_difference(step, b)
@@ -335,247 +305,6 @@ fn strip(patients: &[PatientRecord], step: Step, paper: &[f64]) -> Markup {
         }
     }
     chart.render()
-}
-
-/// Format of a column in the patients' table and its mean.
-#[derive(Clone, Copy, PartialEq)]
-enum Show {
-    /// A count, printed without decimals.
-    Count,
-    /// A cost with two significant digits.
-    Cost,
-    /// The cost of step 2, with a mark if a target is not reachable.
-    Fit,
-    /// A signed relative difference, printed in percent and shaded by its size. Its mean is over
-    /// absolute values.
-    Error,
-    /// A number with one decimal.
-    Tenths,
-    /// A duration in seconds.
-    Time,
-}
-
-/// A column of the patients' table.
-struct Column {
-    step: &'static str,
-    head: Markup,
-    /// Head in a saved table, with the unit of its values.
-    saved: String,
-    meaning: &'static str,
-    show: Show,
-    of: Box<dyn Fn(PatientView) -> Option<f64>>,
-}
-
-/// Key of a biomarker without its unit.
-fn name_of(b: Biomarker) -> &'static str {
-    let unit = format!("_{}", b.unit().replace('/', "_per_"));
-    b.key().strip_suffix(unit.as_str()).unwrap_or(b.key())
-}
-
-/// The columns, with those of step 3 if any patient has one.
-fn columns(with_step3: bool) -> Vec<Column> {
-    const GAP: &str = "measured end-diastolic volume minus simulated volume at the beat's end";
-    let column = |step,
-                  (head, saved): (Markup, &str),
-                  meaning,
-                  show,
-                  of: Box<dyn Fn(PatientView) -> Option<f64>>| Column {
-        step,
-        head,
-        saved: saved.to_owned(),
-        meaning,
-        show,
-        of,
-    };
-    let errors = |name, step| {
-        Biomarker::TABLE_2.map(|b| {
-            column(
-                name,
-                (symbol(b.key()), &format!("{} difference (%)", name_of(b))),
-                "",
-                Show::Error,
-                Box::new(move |v: PatientView| v.relative_difference(step, b)),
-            )
-        })
-    };
-    let gap = |name, step| {
-        let of = move |v: PatientView| v.simulated(step).and_then(|b| b.end_of_beat_gap_ml);
-        column(
-            name,
-            (html! { "gap," br; "mL" }, "gap (mL)"),
-            GAP,
-            Show::Tenths,
-            Box::new(of),
-        )
-    };
-    let iterations = |v: PatientView| Some(v.0.iterations.len() as f64).filter(|n| *n > 0.0);
-    let mut all = vec![
-        column(
-            "step 1",
-            (html! { "iter." }, "iterations"),
-            "simulations of step 1",
-            Show::Count,
-            Box::new(iterations),
-        ),
-        column(
-            "step 1",
-            (html! { "cost" }, "cost"),
-            "cost of the selected iterate",
-            Show::Cost,
-            Box::new(|v| v.0.step1.as_ref().map(|s| s.cost)),
-        ),
-    ];
-    all.extend(errors("step 1", Step::Step1));
-    all.push(gap("step 1", Step::Step1));
-    let fit = |v: PatientView| v.0.cell_fit.as_ref().map(|f| f.result.cost);
-    all.push(column(
-        "step 2",
-        (html! { "cost" }, "cost"),
-        "cost of the fit at the cell; ▲ not all targets are reachable",
-        Show::Fit,
-        Box::new(fit),
-    ));
-    all.extend(errors("step 2", Step::Step2));
-    all.push(gap("step 2", Step::Step2));
-    let organ = "cost of the verification beat by step 1's formula";
-    all.push(column(
-        "step 2",
-        (html! { "organ" br; "cost" }, "organ cost"),
-        organ,
-        Show::Cost,
-        Box::new(|v| v.0.verification_cost),
-    ));
-    if with_step3 {
-        all.extend(errors("step 3", Step::Step3));
-        all.push(gap("step 3", Step::Step3));
-    }
-    all.push(column(
-        "",
-        (html! { "time" }, "time (s)"),
-        "wall time of all tasks",
-        Show::Time,
-        Box::new(|v| v.wall_s()),
-    ));
-    all
-}
-
-fn cell(column: &Column, first: bool, patient: &PatientRecord) -> Markup {
-    let value = (column.of)(PatientView(patient));
-    let group = if first { " group" } else { "" };
-    let size = match value.map(f64::abs) {
-        Some(d) if column.show == Show::Error && d > 0.25 => " diff far",
-        Some(d) if column.show == Show::Error && d > 0.10 => " diff off",
-        _ => "",
-    };
-    let text = match (column.show, value) {
-        (_, None) => "\u{2013}".to_owned(),
-        (Show::Count, Some(n)) => format!("{n:.0}"),
-        (Show::Cost | Show::Fit, Some(cost)) => significant(cost, 2),
-        (Show::Error, share) => percent(share),
-        (Show::Tenths, value) => fixed(value, 1),
-        (Show::Time, Some(s)) => duration(s),
-    };
-    let short_of = column.show == Show::Fit
-        && patient
-            .cell_fit
-            .as_ref()
-            .is_some_and(|f| !f.result.unreachable_targets.is_empty());
-    let saved = match column.show {
-        Show::Error => value.map(|share| 100.0 * share),
-        _ => value,
-    };
-    html! { td class={ "num" (group) (size) } data-value=(raw(saved)) { (text) @if short_of { span.warn title="not all targets are reachable" { " ▲" } } } }
-}
-
-/// Whether each column is the first of its step's group.
-fn opens(columns: &[Column]) -> Vec<bool> {
-    (0..columns.len())
-        .map(|i| i == 0 || columns[i].step != columns[i - 1].step)
-        .collect()
-}
-
-/// Table with one row per patient, followed by mean, SD and the paper's means.
-#[must_use]
-pub fn table(run: &RunRecord, link: Link) -> Markup {
-    let columns = columns(run.patients.iter().any(|p| p.step3.is_some()));
-    let opens = opens(&columns);
-    let spread: Vec<Option<MeanSd>> = columns
-        .iter()
-        .map(|c| {
-            let value = |p| {
-                (c.of)(PatientView(p)).map(|v| {
-                    if c.show == Show::Error {
-                        100.0 * v.abs()
-                    } else {
-                        v
-                    }
-                })
-            };
-            MeanSd::of(run.patients.iter().map(value))
-        })
-        .collect();
-    let foot = |c: &Column, value: Option<f64>| match (c.show, value) {
-        (_, None) => String::new(),
-        (Show::Cost | Show::Fit, Some(v)) => significant(v, 2),
-        (Show::Time, Some(v)) => duration(v),
-        (_, v) => fixed(v, 1),
-    };
-    let paper = |i: usize| {
-        let nth = columns[..i]
-            .iter()
-            .filter(|c| c.show == Show::Error)
-            .count();
-        let all = PAPER_STEP1_PERCENT.into_iter().chain(PAPER_STEP2_PERCENT);
-        all.into_iter()
-            .nth(nth)
-            .filter(|_| columns[i].show == Show::Error)
-    };
-    let group = |open: bool| open.then_some("group");
-    scrolling(&html! {
-        table.cohort {
-            caption { span.quiet { "Biomarkers: signed relative differences from the measured values, %" } }
-            thead {
-                tr {
-                    th rowspan="2" scope="col" { "patient" } th rowspan="2" scope="col" { "state" }
-                    @for (i, c) in columns.iter().enumerate().filter(|(i, _)| opens[*i]) {
-                        th.group colspan=(columns[i..].iter().take_while(|d| d.step == c.step).count()) scope="colgroup" { (c.step) }
-                    }
-                }
-                tr {
-                    @for (c, open) in std::iter::zip(&columns, &opens) {
-                        th scope="col" class=[group(*open)] title=[(!c.meaning.is_empty()).then_some(c.meaning)] data-value=(c.saved) { (c.head) }
-                    }
-                }
-            }
-            tbody {
-                @for p in &run.patients {
-                    @let (class, sign, words) = standing(p);
-                    // The sizes of the differences are in the columns. Longer words would break each
-                    // row into two lines, and the summary over more than two sheets.
-                    @let words = if words.starts_with(OFF) { "off" } else { &*words };
-                    tr {
-                        th scope="row" { a href=(link(p)) { (p.plan.id) } }
-                        td.state { span class=(class) { (sign) } " " (words) @if p.status.state == PatientState::Done && !PatientView(p).step1_converged() && p.step1.is_some() { br; span.quiet { "step 1 " (step1_words(p)) } } }
-                        @for (c, open) in std::iter::zip(&columns, &opens) { (cell(c, *open, p)) }
-                    }
-                }
-            }
-            tfoot {
-                tr {
-                    th scope="row" colspan="2" { "mean" span.quiet { ", absolute errors" } }
-                    @for (i, c) in columns.iter().enumerate() { td.num class=[group(opens[i])] data-value=(raw(spread[i].map(|s| s.mean))) { (foot(c, spread[i].map(|s| s.mean))) } }
-                }
-                tr {
-                    th scope="row" colspan="2" { "SD" }
-                    @for (i, c) in columns.iter().enumerate() { td.num class=[group(opens[i])] data-value=(raw(spread[i].and_then(|s| s.sd))) { (foot(c, spread[i].and_then(|s| s.sd))) } }
-                }
-                tr.paper {
-                    th scope="row" colspan="2" { "the paper's mean" }
-                    @for i in 0..columns.len() { td.num class=[group(opens[i])] { (paper(i).map_or_else(String::new, |v| fixed(Some(v), 1))) } }
-                }
-            }
-        }
-    })
 }
 
 /// Tiles with small pressure plots: id, link and plot of each patient. `left_out` is the number of

@@ -7,7 +7,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::cohort::Link;
 use super::organ_3d;
-use super::patient::standing;
+use super::patient::badge;
 use crate::results::{WriteError, atomic};
 
 const CSS: &str = include_str!("report.css");
@@ -109,7 +109,7 @@ pub fn nav(
             }
             ol {
                 @for p in patients {
-                    @let (class, sign, words) = standing(p);
+                    @let (class, sign, words) = badge(p);
                     li { a href=(link(p)) title=(words) { span class={ "sign " (class) } aria-hidden="true" { (sign) } " " (p.plan.id) } }
                 }
             }

@@ -2,80 +2,30 @@
 
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::record::{PatientRecord, Step1Quality, Step3Ending};
-use cardiotwin_schemas::status::PatientState;
 use maud::{Markup, html};
 
 use super::anchor;
 use super::cell_parameters;
 use super::convergence;
 use super::figures::{self, figure, legend, line_name};
-use super::format::{count, duration, fixed, percent, significant, symbol};
-use super::motion;
+use super::format::{duration, fixed, percent, significant, symbol};
 use super::organ_3d;
 use super::organ_law;
 use super::posterior;
 use super::provenance;
 use super::tables;
+use crate::results::standing::standing;
+use crate::results::tables::{biomarkers, motion};
 use crate::results::{PatientView, SignalKind, Signals, Source, Step, twin};
+use crate::table::{self, sign_of};
 
 /// State of a patient for a badge: a class of the style sheet, a sign, and words, so that colour is
 /// not needed.
 #[must_use]
-pub fn standing(patient: &PatientRecord) -> (&'static str, &'static str, String) {
-    if let Some(failure) = &patient.failure {
-        return (
-            "bad",
-            "✕",
-            format!(
-                "failed in {} ({})",
-                step_name(&patient.status.step),
-                failure.class.as_str()
-            ),
-        );
-    }
-    match (patient.status.state, &patient.step1) {
-        (PatientState::Done, Some(summary)) => {
-            let stalled = if summary.quality == Step1Quality::Converged {
-                ""
-            } else {
-                "; step 1 stalled"
-            };
-            match &patient.verdict {
-                Some(verdict) if verdict.personalised && stalled.is_empty() => {
-                    ("good", "●", verdict.to_string())
-                }
-                Some(verdict) => ("warn", "▲", format!("{verdict}{stalled}")),
-                None => ("quiet", "○", format!("not verified{stalled}")),
-            }
-        }
-        (PatientState::Done, None) => ("good", "●", "finished".to_owned()),
-        (state @ (PatientState::Failed | PatientState::Cancelled), _) => (
-            "bad",
-            "✕",
-            format!("{state} in {}", step_name(&patient.status.step)),
-        ),
-        // A patient is in no step before its first task.
-        (state, _) if patient.status.step == "-" => ("quiet", "○", state.to_string()),
-        (state, _) => (
-            "quiet",
-            "○",
-            format!("{}: {state}", step_name(&patient.status.step)),
-        ),
-    }
-}
-
-fn step_name(step: &str) -> String {
-    step.replace("step-", "step ")
-}
-
-/// Ending of step 1 in words, or the number of iterations so far.
-#[must_use]
-pub fn step1_words(patient: &PatientRecord) -> String {
-    match &patient.step1 {
-        Some(summary) => summary.to_string(),
-        None if patient.iterations.is_empty() => "\u{2013}".to_owned(),
-        None => format!("{} so far", count(patient.iterations.len(), "iteration")),
-    }
+pub fn badge(patient: &PatientRecord) -> (&'static str, &'static str, String) {
+    let (tone, words) = standing(patient);
+    let (class, sign) = sign_of(tone);
+    (class, sign, words)
 }
 
 /// Summary of the steps in a few sentences.
@@ -403,12 +353,12 @@ fn parts(patient: &PatientRecord, signals: &Signals) -> Vec<Part> {
         (summary(patient))
         (flags(patient, signals))
         (beat(patient, signals, &drawn))
-        div.tables { (tables::biomarkers(patient)) }
+        div.tables { (table::html(&biomarkers::shown(patient))) }
     };
     let numbers = html! {
         h3 { "Numbers" }
         div.tables {
-            @if let Some(table) = motion::table(patient) { (table) }
+            @if let Some(motion) = motion::by_step(patient) { (table::html(&motion)) }
             @if let Some(table) = tables::step1_parameters(patient) { (table) }
             @if let Some(fit) = &patient.cell_fit {
                 (cell_parameters::table(patient, &fit.result))
@@ -449,7 +399,7 @@ fn parts(patient: &PatientRecord, signals: &Signals) -> Vec<Part> {
 /// - `around`: links to other views and to the parts of this one; without it there are none
 #[must_use]
 pub fn section(patient: &PatientRecord, signals: &Signals, around: Option<&Around>) -> Markup {
-    let (class, sign, words) = standing(patient);
+    let (class, sign, words) = badge(patient);
     let anchor = anchor::of(patient.plan.id.as_str());
     let parts = parts(patient, signals);
     html! {

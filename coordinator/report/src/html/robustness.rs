@@ -7,16 +7,18 @@ use std::path::Path;
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use cardiotwin_schemas::robustness::{
-    Condition, MemberRole, PatientRobustness, QuantitySpread, RobustnessResult, RobustnessTable,
-    TableKind, Uncertainty,
+    Condition, MemberRole, PatientRobustness, RobustnessResult, RobustnessTable, TableKind,
+    Uncertainty,
 };
 use maud::{Markup, html};
 
 use super::figures::{at, figure, legend};
-use super::format::{count, significant, symbol};
+use super::format::{count, significant};
 use super::page::{page, write};
 use super::plot::{Axis, Chart, Reading, Scale, Series};
+use crate::results::tables::robustness;
 use crate::results::{SignalKind, Signals, Source, WriteError};
+use crate::table::{self, sign_of};
 
 /// Drawing order as in Figure 6: samples below the originals, step 2 below step 1.
 const LINES: [(MemberRole, Source, &str); 4] = [
@@ -113,12 +115,13 @@ fn section(
             (figure_6(patient, records))
             @for table in &patient.tables { (spread_table(table, result.spec.over, false)) }
             @if !patient.inputs.is_empty() {
-                (table("Varied inputs", &patient.inputs, false))
+                (table::html(&robustness::spreads("Varied inputs", &patient.inputs, false)))
             }
             @if !patient.seed_tables.is_empty() {
                 h3 { "With only step 2's seed varied" }
                 @for table in &patient.seed_tables { (spread_table(table, result.spec.over, true)) }
             }
+            @if !patient.target_errors.is_empty() { (table::html(&robustness::errors(patient))) }
         }
     }
 }
@@ -127,11 +130,8 @@ fn conditions(conditions: &[Condition]) -> Markup {
     html! {
         ul.notes {
             @for c in conditions {
-                @let (class, sign, word) = match c.passed {
-                    Some(true) => ("good", "●", "passed"),
-                    Some(false) => ("warn", "▲", "failed"),
-                    None => ("quiet", "○", "open"),
-                };
+                @let (word, tone) = robustness::met(c);
+                @let (class, sign) = sign_of(tone);
                 li { span class={ "sign " (class) } aria-hidden="true" { (sign) } span { b { (word) ": " } (c.name) ": " (c.found) ", limit " (c.limit) } }
             }
         }
@@ -252,50 +252,6 @@ fn spread_table(found: &RobustnessTable, over: Uncertainty, by_seed: bool) -> Ma
         TableKind::Step2Biomarkers => "Step 2, biomarkers of the verification beat",
     };
     let numbered = format!("{title} (Table {})", found.table.paper(over));
-    table(
-        if by_seed { title } else { &numbered },
-        &found.quantities,
-        true,
-    )
-}
-
-fn table(title: &str, quantities: &[QuantitySpread], results: bool) -> Markup {
-    let amplified = quantities.iter().any(|q| q.amplification.is_some());
-    let paper = quantities.iter().any(|q| q.paper.is_some());
-    html! {
-        div.scroll { table {
-            caption { (title) }
-            thead { tr {
-                th { "quantity" } th { "original" } th { "mean" } th { "SD" } th { "min" } th { "max" }
-                @if results { th { "difference, mean (SD; max) %" } }
-                @if paper { th { "paper's %" } }
-                th { "spread %" }
-                @if amplified { th { "of the input's" } }
-            } }
-            tbody { @for q in quantities { tr {
-                th { (symbol(&q.name)) }
-                td.num { (significant(q.original, 4)) }
-                td.num { (significant(q.values.mean, 4)) }
-                td.num { (q.values.standard_deviation.map_or_else(dash, |sd| significant(sd, 2))) }
-                td.num { (significant(q.values.minimum, 4)) }
-                td.num { (significant(q.values.maximum, 4)) }
-                @if results { td.num { (q.relative_differences.map_or_else(dash, |d| format!(
-                    "{} ({}; {})", percent(Some(d.mean)), percent(d.standard_deviation), percent(Some(d.maximum))
-                ))) } }
-                @if paper { td.num { (q.paper.as_ref().map_or_else(dash, |p| format!(
-                    "{} ({}; {})", p.mean_of_rel_diff_percent, p.sd_of_rel_diff_percent, p.max_of_rel_diff_percent
-                ))) } }
-                td.num { (percent(q.spread)) }
-                @if amplified { td.num { (q.amplification.as_ref().map_or_else(dash, |a| significant(a.ratio, 2))) } }
-            } } }
-        } }
-    }
-}
-
-fn percent(share: Option<f64>) -> String {
-    share.map_or_else(dash, |share| format!("{:.1}", 100.0 * share))
-}
-
-fn dash() -> String {
-    "\u{2013}".to_owned()
+    let title = if by_seed { title } else { &numbered };
+    table::html(&robustness::spreads(title, &found.quantities, true))
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_schemas::biomarkers::{Biomarker, CELL_BIOMARKERS};
+use cardiotwin_schemas::biomarkers::CELL_BIOMARKERS;
 use cardiotwin_schemas::finite_element::VentricleFigures;
 use cardiotwin_schemas::label::Label;
 use cardiotwin_schemas::organ::{ActivationSpec, OneFibrePassive, OrganSpec};
@@ -12,8 +12,8 @@ use cardiotwin_schemas::step1::Step1Parameter;
 use maud::{Markup, html};
 
 use super::format::{fixed, percent, raw, significant, symbol};
+use crate::results::PatientView;
 use crate::results::comparison::relative_difference;
-use crate::results::{PatientView, Step};
 
 /// Relative distance below which a value counts as lying on a bound.
 const ON_BOUND: f64 = 1e-3;
@@ -38,53 +38,6 @@ fn difference(share: Option<f64>) -> Markup {
         _ => "num diff",
     };
     html! { td class=(class) data-value=(raw(share.map(|share| 100.0 * share))) { (percent(share)) } }
-}
-
-/// Table of the measured biomarkers next to the simulated ones of each step.
-#[must_use]
-pub fn biomarkers(patient: &PatientRecord) -> Markup {
-    let view = PatientView(patient);
-    let measured = view.measured();
-    let mut steps = vec![(Step::Step1, "step 1"), (Step::Step2, "step 2")];
-    if patient.step3.is_some() {
-        steps.push((Step::Step3, "step 3"));
-    }
-    let rows = Biomarker::ALL.into_iter().filter_map(|b| {
-        let simulated: Vec<_> = steps
-            .iter()
-            .map(|(step, _)| view.simulated(*step).and_then(|s| s.get(b)))
-            .collect();
-        let measured = measured.get(b);
-        (measured.is_some() || simulated.iter().any(Option::is_some))
-            .then_some((b, measured, simulated))
-    });
-    scrolling(&html! {
-        table {
-            caption { "Biomarkers" }
-            thead { tr {
-                th scope="col" { "" } th.unit scope="col" { "unit" }
-                th scope="col" { "measured" }
-                @for (_, name) in &steps { th scope="col" { (name) } th scope="col" { "difference, %" } }
-            } }
-            tbody {
-                @for (b, measured, simulated) in rows {
-                    tr {
-                        th scope="row" { (symbol(b.key())) } (unit(b.key()))
-                        td.num data-value=(raw(measured)) { (digits(b, measured)) }
-                        @for value in simulated {
-                            td.num data-value=(raw(value)) { (digits(b, value)) }
-                            (difference(value.zip(measured).and_then(|(s, m)| relative_difference(s, m))))
-                        }
-                    }
-                }
-            }
-        }
-    })
-}
-
-fn digits(biomarker: Biomarker, value: Option<f64>) -> String {
-    let rate = matches!(biomarker, Biomarker::DpdtMax | Biomarker::DpdtMin);
-    fixed(value, if rate { 3 } else { 1 })
 }
 
 /// Cells with a bar that shows a value and its near-optimal interval between the bounds, and with

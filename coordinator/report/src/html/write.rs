@@ -13,7 +13,9 @@ use maud::{Markup, PreEscaped, html};
 use super::page::write;
 use super::patient::Around;
 use super::{anchor, cohort, discovery, figures, page, patient, summary};
+use crate::results::tables::cohort::patients;
 use crate::results::{Signals, WriteError};
+use crate::table;
 
 /// Largest number of patients in a report of one file.
 pub const ONE_FILE: usize = 50;
@@ -320,7 +322,7 @@ fn overview(run: &RunRecord, link: cohort::Link) -> Markup {
             (cohort::against_the_paper(run))
             (summary::notes(run, link))
             h2 id="patients" { "Patients" }
-            (cohort::table(run, link))
+            (table::html(&patients(run).linked(|k, _| link(&run.patients[k]))))
         }
     }
 }

@@ -19,6 +19,31 @@ pub enum Step {
     Step3,
 }
 
+impl Step {
+    /// The steps that tables compare with the measurement.
+    pub const ALL: [Self; 3] = [Self::Step1, Self::Step2, Self::Step3];
+
+    /// Key in files.
+    #[must_use]
+    pub const fn key(self) -> &'static str {
+        match self {
+            Self::Step1 | Self::Step1FirstConverged => "step1",
+            Self::Step2 => "step2",
+            Self::Step3 => "step3",
+        }
+    }
+
+    /// Name for readers.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Step1 | Self::Step1FirstConverged => "step 1",
+            Self::Step2 => "step 2",
+            Self::Step3 => "step 3",
+        }
+    }
+}
+
 /// Mean relative differences of step 1 in Jung et al. 2022, percent, in the order of
 /// [`Biomarker::TABLE_2`].
 pub const PAPER_STEP1_PERCENT: [f64; Biomarker::TABLE_2.len()] = [5.4, 13.6, 7.7, 1.4, 10.0];
@@ -65,6 +90,22 @@ impl MeanSd {
         let sd = sd.map(|sd| if sd < 1e-14 * mean.abs() { 0.0 } else { sd });
         Some(Self { mean, sd, n })
     }
+}
+
+/// Mean and standard deviation of the absolute relative differences of a biomarker over patients, percent.
+///
+/// - `converged_only`: whether only patients whose step 1 converged count
+#[must_use]
+pub fn mean_error(
+    patients: &[PatientRecord],
+    step: Step,
+    biomarker: Biomarker,
+    converged_only: bool,
+) -> Option<MeanSd> {
+    let counted =
+        (patients.iter().map(PatientView)).filter(|view| !converged_only || view.step1_converged());
+    let percent = |share: f64| 100.0 * share.abs();
+    MeanSd::of(counted.map(|view| view.relative_difference(step, biomarker).map(percent)))
 }
 
 /// Methods that evaluate a patient's record.
@@ -123,6 +164,12 @@ impl<'a> PatientView<'a> {
             .step0
             .as_ref()
             .map_or(&self.0.plan.step0.biomarkers, |r| &r.result.measured)
+    }
+
+    /// The steps that the patient's tables show: step 3 only if there is one.
+    #[must_use]
+    pub fn steps(self) -> &'static [Step] {
+        &Step::ALL[..2 + usize::from(self.0.step3.is_some())]
     }
 
     /// Simulated biomarkers of a step.

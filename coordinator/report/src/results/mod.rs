@@ -13,10 +13,14 @@ pub mod learned_law;
 pub mod model;
 pub mod signals;
 pub mod spread;
+pub mod standing;
+pub mod tables;
 pub mod twin;
 mod write_error;
 
-pub use comparison::{MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step};
+pub use comparison::{
+    MeanSd, PAPER_STEP1_PERCENT, PAPER_STEP2_PERCENT, PatientView, Step, mean_error,
+};
 pub use heart::{HeartError, HeartFile};
 pub use learned_law::{Teacher, learned_law, teachers};
 pub use signals::{Signal, SignalKind, Signals, Source};

@@ -1,13 +1,13 @@
 //! Tables and sentences that present a search's findings.
 
-use cardiotwin_report::results::discovery::faults;
-use cardiotwin_report::results::discovery::finite_element::{change, rms_of};
-use cardiotwin_report::results::discovery::pool::{accepted_in, pool};
-use cardiotwin_report::results::discovery::words;
-use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases, Place};
+use cardiotwin_report::results::tables::discovery::{self, WHOLE_BEAT};
+use cardiotwin_report::results::tables::discovery_cohort;
+use cardiotwin_report::table::Cell;
+use cardiotwin_schemas::discover::{DiscoverCase, DiscoverCases};
+use serde_json::Value;
 
-use crate::table::{Columns, number, optional};
-use crate::talk::{Talk, Tone, count};
+use crate::table;
+use crate::talk::{Talk, count};
 
 /// Number of candidates shown in the ranking.
 const SHOWN: usize = 6;
@@ -22,45 +22,8 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     if brief {
         return text;
     }
-    let mut ranking = Columns::new(
-        talk,
-        &[
-            "EFFECT",
-            ">PROBABILITY",
-            ">DELTA BIC",
-            ">EVIDENCE",
-            "STRENGTH (95 %)",
-            "NOTE",
-        ],
-    );
-    for effect in found.findings.effects.iter().take(SHOWN) {
-        let accepted = found.findings.accepted.contains(&effect.name);
-        let unconfirmed = case.confirmed == Some(false);
-        let note = match (accepted, effect.plausible) {
-            (true, _) if unconfirmed && effect.artefact => {
-                "accepted, not confirmed: correct the data"
-            }
-            (true, _) if unconfirmed => "accepted, not confirmed",
-            (true, _) if effect.artefact => "accepted: correct the data",
-            (true, _) => "accepted",
-            (false, false) => "too weak or at the edge of its range",
-            (false, true) => "",
-        };
-        let tone = accepted.then_some(if unconfirmed {
-            Tone::Doubtful
-        } else {
-            Tone::Good
-        });
-        ranking.toned([
-            (effect.name.clone(), tone),
-            (words::probability(effect.probability, 3), None),
-            (format!("{:.1}", effect.delta_bic), None),
-            (format!("{:.1}", effect.log_evidence), None),
-            (words::strength(effect), None),
-            (note.to_owned(), tone),
-        ]);
-    }
-    text.push_str(&ranking.text());
+    let ranking = discovery::ranking(case, SHOWN).without(|column| column.key == "in_3d");
+    text.push_str(&table::text(&ranking, talk));
     text.push_str(&format!(
         "an effect is named if its evidence, prior odds included, exceeds {:.1}; the best generic \
          alternative has {:.1}\n\n",
@@ -116,99 +79,29 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
 
 /// Table of the places where the base model and the data disagree.
 fn places(case: &DiscoverCase, talk: &Talk) -> String {
-    let mut table = Columns::new(
-        talk,
-        &[
-            "WHERE",
-            ">DATA - MODEL",
-            "",
-            ">Z",
-            ">SHARE",
-            ">Z AFTER",
-            "MOVES",
-        ],
-    );
-    let mut n_left_out = 0;
-    for place in &case.found.findings.places {
-        if place.z.abs() < Z {
-            n_left_out += 1;
-            continue;
-        }
-        let same = |p: &&Place| p.signal == place.signal && p.phase == place.phase;
-        let after = case
-            .found
-            .findings
-            .where_after
-            .iter()
-            .find(same)
-            .map(|p| format!("{:+.1}", p.z));
-        let phase = if place.phase == "beat" {
-            String::new()
-        } else {
-            format!(", {}", words::plain(&place.phase))
-        };
-        table.row([
-            format!("{}{phase}", words::plain(&place.signal)),
-            format!("{:+.2}", place.size),
-            place.unit.clone(),
-            format!("{:+.1}", place.z),
-            if place.share > 0.0 {
-                format!("{:.0} %", 100.0 * place.share)
-            } else {
-                String::new()
-            },
-            after.unwrap_or_default(),
-            place.biomarkers.join(", "),
-        ]);
-    }
+    let mut places = discovery::places(case);
+    let all = places.rows.len();
+    let z = places.place("z").unwrap_or_default();
+    let is_large = |row: &Vec<Cell>| row[z].value.as_f64().is_some_and(|z| z.abs() >= Z);
+    places.rows.retain(is_large);
     format!(
         "{}{} below one standard deviation omitted\n\n",
-        table.text(),
-        count(n_left_out, "place")
+        table::text(&places, talk),
+        count(all - places.rows.len(), "place")
     )
 }
 
-/// Table of the gap before and after the accepted effects.
+/// Table of the whole beat's gap before and after the accepted effects.
 fn gaps(case: &DiscoverCase, talk: &Talk) -> String {
-    let found = &case.found;
-    let mut table = Columns::new(
-        talk,
-        &[
-            "GAP",
-            ">BEFORE",
-            ">AFTER",
-            ">HELD OUT BEFORE",
-            ">HELD OUT AFTER",
-        ],
-    );
-    let row = |name: &str, values: [Option<f64>; 4]| {
-        let mut cells = vec![name.to_owned()];
-        cells.extend(
-            values.map(|value| value.map_or("-".to_owned(), |value| format!("{value:.2}"))),
-        );
-        cells
-    };
-    for gap in found.findings.gaps.iter().filter(|gap| gap.phase == "beat") {
-        table.row(row(
-            &gap.signal,
-            [
-                Some(gap.before),
-                Some(gap.after),
-                gap.heldout_before,
-                gap.heldout_after,
-            ],
-        ));
-    }
-    let all = [
-        Some(found.findings.gap_before),
-        Some(found.findings.gap_after),
-        found.findings.gap_heldout_before,
-        found.findings.gap_heldout_after,
-    ];
-    table.row(row("all", all));
+    let mut gaps = discovery::gaps(case);
+    gaps.rows.retain_mut(|row| {
+        let name = row[0].value.as_str().unwrap_or_default();
+        let signal = name.strip_suffix(WHOLE_BEAT).map(Value::from);
+        signal.map(|signal| row[0].value = signal).is_some()
+    });
     format!(
         "{}rms residual divided by the noise's standard deviation\n\n",
-        table.text()
+        table::text(&gaps, talk)
     )
 }
 
@@ -217,224 +110,40 @@ fn finite_element(case: &DiscoverCase, talk: &Talk) -> String {
     let Some(found) = &case.finite_element else {
         return String::new();
     };
-    let mut table = Columns::new(talk, &["GAP IN 3D", ">BEFORE", ">AFTER"]);
-    for gap in &found.gaps {
-        let name = if gap.phase == "beat" {
-            format!("{}, whole beat", gap.signal)
-        } else {
-            format!("{}, {}", gap.signal, words::plain(&gap.phase))
-        };
-        table.row([
-            name,
-            format!("{:.2}", gap.before),
-            format!("{:.2}", gap.after),
-        ]);
-    }
-    for (name, before, after) in rms_of(found) {
-        table.row([
-            format!("{name} rms"),
-            format!("{before:.1}"),
-            format!("{after:.1}"),
-        ]);
-    }
     format!(
         "{}the patient's finite-element ventricle of {} nodes, personalised without and with \
          the accepted effects; rms residual divided by the noise's standard deviation\n\n",
-        table.text(),
+        table::text(&discovery::finite_element(found), talk),
         found.nodes
-    )
-}
-
-/// Table of the whole beat's misfit on the finite-element ventricles; empty if none was simulated.
-fn finite_elements(cases: &DiscoverCases, talk: &Talk) -> String {
-    let mut table = Columns::new(
-        talk,
-        &[
-            "PATIENT",
-            "EFFECTS",
-            "TRACE IN 3D",
-            ">BEFORE",
-            ">AFTER",
-            ">CHANGE",
-        ],
-    );
-    let mut any = false;
-    for case in cases.values() {
-        for (name, before, after) in case.finite_element.iter().flat_map(rms_of) {
-            any = true;
-            table.row([
-                case.case.clone(),
-                words::missing(&case.found, str::to_owned),
-                name.to_owned(),
-                format!("{before:.1}"),
-                format!("{after:.1}"),
-                change(before, after),
-            ]);
-        }
-    }
-    if !any {
-        return String::new();
-    }
-    format!(
-        "{}rms over the whole beat of the finite-element ventricle, personalised without and \
-         with the effects\n\n",
-        table.text()
     )
 }
 
 /// Text for the cohort: missing effects of each patient, and the evidence pooled over all patients.
 #[must_use]
 pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
-    let mut table = Columns::new(
-        talk,
-        &[
-            "PATIENT",
-            "MISSING",
-            ">PROBABILITY",
-            ">GAP",
-            ">AFTER",
-            ">HELD OUT",
-            ">AFTER",
-            "INDISTINGUISHABLE FROM",
-        ],
-    );
-    for case in cases.values() {
-        let found = &case.found;
-        let missing = words::missing(found, str::to_owned);
-        let first = found
-            .findings
-            .effects
-            .first()
-            .filter(|_| !found.findings.none)
-            .map(|effect| words::probability(effect.probability, 2));
-        table.row([
-            case.case.clone(),
-            missing,
-            first.unwrap_or_default(),
-            format!("{:.2}", found.findings.gap_before),
-            format!("{:.2}", found.findings.gap_after),
-            optional(found.findings.gap_heldout_before),
-            optional(found.findings.gap_heldout_after),
-            found.findings.confusable.join(", "),
-        ]);
-    }
-    let mut text = table.text();
-    let mut table = Columns::new(
-        talk,
-        &[
-            "EFFECT",
-            ">ACCEPTED IN",
-            ">POOLED EVIDENCE",
-            "ATTRIBUTED TO",
-            "DOMINATED BY",
-        ],
-    );
-    for pooled in pool(cases.values().map(|c| (c.case.as_str(), &c.found))) {
-        let fault = match (pooled.of_the_model, pooled.accepted_in) {
-            (true, _) => "the organ's model",
-            (false, 0) => "",
-            (false, _) => "single patients",
-        };
-        let accepted = accepted_in(&pooled, cases.len());
-        table.row([
-            pooled.name.clone(),
-            accepted,
-            number(pooled.log_evidence),
-            fault.to_owned(),
-            pooled.dominated_by.unwrap_or_default(),
-        ]);
-    }
-    text.push('\n');
-    text.push_str(&table.text());
-    text.push('\n');
-    text.push_str(&run_misses(cases, talk));
-    text.push_str(&finite_elements(cases, talk));
-    text.push_str(&filling(cases, talk));
-    text
-}
-
-/// Table of the misses of the cohort's run, and whether the organ's model or the cell causes them;
-/// empty if the run personalised no patient.
-fn run_misses(cases: &DiscoverCases, talk: &Talk) -> String {
-    let headings = [
-        "PATIENT",
-        "TRACE",
-        ">STEP 1",
-        ">VERIFICATION",
-        ">TWIN",
-        ">ORGAN'S MODEL",
-        ">CELL",
-        "MOSTLY ATTRIBUTED TO",
+    let all = [
+        (discovery_cohort::patients(cases), ""),
+        (discovery_cohort::pooled(cases), ""),
+        (
+            discovery_cohort::run_misses(cases),
+            "rms over the beat of the cohort's run; the organ's model: smallest misfit with any \
+             active stress or cell; the cell: additional misfit of step 2's cell\n",
+        ),
+        (
+            discovery_cohort::finite_elements(cases),
+            "rms over the whole beat of the finite-element ventricle, personalised without and \
+             with the effects\n",
+        ),
+        (
+            discovery_cohort::filling(cases),
+            "mL, in a periodic beat with the filling pressure of the patient's file and all other \
+             parameters as fitted\n",
+        ),
     ];
-    let mut table = Columns::new(talk, &headings);
-    let personalised = cases
-        .values()
-        .filter_map(|case| Some((case, case.run.as_ref()?)));
-    let mut any = false;
-    for (case, run) in personalised {
-        for (name, unit, misses) in faults::traces(run) {
-            any = true;
-            let values = [
-                misses.step1,
-                misses.verification,
-                misses.twin,
-                misses.of_organ(),
-                misses.of_cell(),
-            ]
-            .map(|rms| format!("{rms:.1}"));
-            let mut row = vec![case.case.clone(), format!("{name}, {unit}")];
-            row.extend(values);
-            row.push(faults::whose(&misses).to_owned());
-            table.row(row);
-        }
-    }
-    if !any {
-        return String::new();
-    }
-    format!(
-        "{}rms over the beat of the cohort's run; the organ's model: smallest misfit with any \
-         active stress or cell; the cell: additional misfit of step 2's cell\n\n",
-        table.text()
-    )
-}
-
-/// Table of end-diastolic volumes at the filling pressure of the patient's file; empty if no file
-/// states one.
-fn filling(cases: &DiscoverCases, talk: &Talk) -> String {
-    let headings = [
-        "PATIENT",
-        ">EDV mL",
-        ">ERROR BEFORE",
-        ">AFTER",
-        ">LATE FILLING RMS BEFORE",
-        ">AFTER",
-    ];
-    let mut table = Columns::new(talk, &headings);
-    let stated = cases
-        .values()
-        .filter_map(|case| Some((case, case.found.stated_filling.as_ref()?)));
-    let mut n_stated = 0;
-    for (case, filling) in stated {
-        n_stated += 1;
-        let one = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
-        let error = |volume: Option<f64>| one(volume.map(|volume| volume - filling.measured_ml));
-        table.row([
-            case.case.clone(),
-            one(Some(filling.measured_ml)),
-            error(filling.before_ml),
-            error(filling.after_ml),
-            one(filling.late_filling_before_ml),
-            one(filling.late_filling_after_ml),
-        ]);
-    }
-    if n_stated == 0 {
-        return String::new();
-    }
-    format!(
-        "{}mL, in a periodic beat with the filling pressure of the patient's file and all other \
-         parameters as fitted\n\n",
-        table.text()
-    )
+    let shown = (all.iter()).filter(|(table, note)| note.is_empty() || !table.rows.is_empty());
+    shown
+        .map(|(table, note)| format!("{}{note}\n", table::text(table, talk)))
+        .collect()
 }
 
 #[cfg(test)]

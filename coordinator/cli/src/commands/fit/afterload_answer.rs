@@ -1,14 +1,16 @@
 //! What the fits of the Windkessel print: table of estimates, names and lines for patient.toml.
 
 use cardiotwin_report::results::atomic;
+use cardiotwin_report::table::{Cell, Column};
 use cardiotwin_schemas::afterload::{AfterloadQuantity, Determined};
 use cardiotwin_schemas::organ::WindkesselParameters;
 use serde::Serialize;
 
 use super::afterload_args::AfterloadArgs;
+use super::estimates;
 use crate::error::CliError;
 use crate::exit::Exit;
-use crate::table::{Columns, number, optional};
+use crate::table::text;
 use crate::talk::Talk;
 
 /// Printable answer of a fit, other than its JSON.
@@ -52,39 +54,17 @@ pub(super) fn say(
 
 /// Table of the estimates. `determined` gives the word for how well an estimate is determined.
 pub(super) fn estimates(
-    estimates: &[AfterloadQuantity],
+    quantities: &[AfterloadQuantity],
     confidence_level: f64,
     determined: impl Fn(&AfterloadQuantity) -> &'static str,
     talk: &Talk,
 ) -> String {
-    let interval = format!(
-        ">{} % FROM",
-        number(100.0 * confidence_level).trim_end_matches(".00")
-    );
-    let mut table = Columns::new(
-        talk,
-        &[
-            "PARAMETER",
-            ">VALUE",
-            ">STANDARD ERROR",
-            &interval,
-            ">TO",
-            "DETERMINED",
-        ],
-    );
-    for q in estimates {
-        let ends = [q.standard_error, q.lower, q.upper].map(optional);
-        let [error, lower, upper] = &ends;
-        table.row([
-            &q.name,
-            &number(q.value),
-            error,
-            lower,
-            upper,
-            determined(q),
-        ]);
+    let mut table = estimates::table(quantities, confidence_level);
+    table.columns.push(Column::words("determined"));
+    for (row, q) in std::iter::zip(&mut table.rows, quantities) {
+        row.push(Cell::from(determined(q)));
     }
-    table.text()
+    text(&table, talk)
 }
 
 /// Word for how well a quantity is determined.

@@ -13,10 +13,11 @@ use cardiotwin_signals::{Problem, Quantity, Trace};
 use clap::{Args, ValueEnum};
 
 use super::cohort_toml;
+use super::estimates;
 use super::trace::{self, Accepted};
 use crate::error::CliError;
 use crate::exit::Exit;
-use crate::table::{Columns, number, optional};
+use crate::table::{self, number};
 use crate::talk::Talk;
 
 /// Correlation of neighbouring residuals above which a warning says that the curve misses the
@@ -226,20 +227,8 @@ fn warnings(fit: &CalciumFit) -> Vec<String> {
 }
 
 fn text(answer: &CalciumFitAnswer, talk: &Talk) -> String {
-    let interval = format!(
-        ">{} % FROM",
-        number(100.0 * answer.confidence_level).trim_end_matches(".00")
-    );
-    let mut table = Columns::new(
-        talk,
-        &["PARAMETER", ">VALUE", ">STANDARD ERROR", &interval, ">TO"],
-    );
-    for q in &answer.estimates {
-        let ends = [q.standard_error, q.lower, q.upper].map(optional);
-        let [error, lower, upper] = &ends;
-        table.row([&q.name, &number(q.value), error, lower, upper]);
-    }
-    let mut text = table.text();
+    let table = estimates::table(&answer.estimates, answer.confidence_level);
+    let mut text = table::text(&table, talk);
     text.push_str(&format!(
         "\nresidual: {} µM (root mean square of {} samples), correlation between neighbours {:.2}\n",
         number(answer.root_mean_square_um),

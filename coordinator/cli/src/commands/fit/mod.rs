@@ -6,6 +6,7 @@ mod afterload_args;
 mod calcium;
 mod cohort_toml;
 mod cuff;
+mod estimates;
 pub mod record;
 pub mod trace;
 

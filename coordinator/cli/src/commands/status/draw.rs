@@ -1,5 +1,7 @@
 //! Drawing of the terminal page of `status --watch`.
 
+use std::iter::zip;
+
 use cardiotwin_engine::clock;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -8,8 +10,9 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Cell, Paragraph, Row, Table};
 
 use super::page::{Entry, Opened, Page, Part};
-use super::table::{COLUMNS, counted, of_cluster, refused_row, row};
+use super::table::{columns, counted, of_cluster, refused_row, row};
 use super::unseen;
+use crate::table;
 use crate::talk::{Tone, harmless};
 
 const KEYS_OF_TABLE: &str =
@@ -75,20 +78,20 @@ fn style(tone: Option<Tone>, coloured: bool) -> Style {
 fn table(frame: &mut Frame<'_>, area: Rect, page: &mut Page, coloured: bool) {
     let entries = page.rows();
     let n_rows = entries.len();
-    let cells: Vec<_> = entries
+    let columns = columns(page.member);
+    let cells: Vec<Vec<(String, Option<Tone>)>> = entries
         .iter()
         .map(|entry| match entry {
             Entry::Refused(refused) => refused_row(refused),
             Entry::Patient(patient) => row(patient),
         })
+        .map(|row| {
+            zip(&columns, &row)
+                .map(|(c, cell)| table::shown(c, cell))
+                .collect()
+        })
         .collect();
-    let headings: Vec<&str> = std::iter::once(page.member)
-        .chain(
-            COLUMNS
-                .iter()
-                .map(|heading| heading.trim_start_matches('>')),
-        )
-        .collect();
+    let headings = columns.each_ref().map(table::heading);
     let width = |k: usize| {
         let words = cells.iter().filter_map(|row| row.get(k));
         let longest = words.map(|(text, _)| text.chars().count()).max();
@@ -105,9 +108,11 @@ fn table(frame: &mut Frame<'_>, area: Rect, page: &mut Page, coloured: bool) {
     let rows: Vec<Row<'_>> = cells
         .iter()
         .map(|cells| {
-            Row::new(cells.iter().map(|(text, tone)| {
-                Cell::new(harmless(text).into_owned()).style(style(*tone, coloured))
-            }))
+            Row::new(
+                cells
+                    .iter()
+                    .map(|(text, tone)| Cell::new(text.as_str()).style(style(*tone, coloured))),
+            )
         })
         .collect();
     let bold = Style::new().add_modifier(Modifier::BOLD);

@@ -1,35 +1,38 @@
 //! Words of the status: the table, its rows, and the counts below it.
 
+use cardiotwin_report::table::{Cell, Column, Digits, Table, cells};
 use cardiotwin_schemas::status::{
     ClusterStatus, JobState, LearnedStatus, PatientState, PatientStatus, RefusedPatient, Status,
 };
 
-use crate::table::{Columns, duration, optional};
+use crate::table::{duration, text};
 use crate::talk::{Talk, Tone};
 
-/// Headings of the columns after the first. `>` stands before those of numbers.
-pub const COLUMNS: [&str; 6] = [
-    "STEP",
-    "STATE",
-    "ITERATION",
-    ">COST",
-    ">TIME IN STATE",
-    "NOTE",
-];
+/// The columns. `member` names what stands in the first one.
+pub fn columns(member: &'static str) -> [Column; 7] {
+    [
+        Column::words("patient").label(member),
+        Column::words("step"),
+        Column::words("state"),
+        Column::words("iteration"),
+        Column::numbers("cost"),
+        Column::numbers("for_s")
+            .label("time in state")
+            .digits(Digits::Duration),
+        Column::words("note"),
+    ]
+}
+
 /// Largest length of a note, characters.
 const LONGEST_NOTE: usize = 100;
 
-/// The table with counts and time stamp. `member` is the heading of its first column.
-pub fn screen(status: &Status, member: &str, rows: usize, talk: &Talk) -> String {
-    let headings: Vec<&str> = std::iter::once(member).chain(COLUMNS).collect();
-    let mut table = Columns::new(talk, &headings);
-    for refused in &status.refused {
-        table.toned(refused_row(refused));
-    }
-    for patient in status.patients.iter().take(rows) {
-        table.toned(row(patient));
-    }
-    let mut text = table.text();
+/// The table with counts and time stamp.
+pub fn screen(status: &Status, member: &'static str, rows: usize, talk: &Talk) -> String {
+    let mut table = Table::new("status", "", columns(member));
+    let patients = status.patients.iter().take(rows);
+    table.rows.extend(status.refused.iter().map(refused_row));
+    table.rows.extend(patients.map(row));
+    let mut text = text(&table, talk);
     // `patients` may hold only the rows that were read, whereas the counts cover all members.
     let all = usize::try_from(status.counts.values().sum::<u64>()).unwrap_or(usize::MAX);
     if all > rows {
@@ -112,24 +115,24 @@ pub fn of_cluster(cluster: &ClusterStatus) -> String {
 }
 
 /// Row of a patient whose files have errors.
-pub fn refused_row(refused: &RefusedPatient) -> Vec<(String, Option<Tone>)> {
+pub fn refused_row(refused: &RefusedPatient) -> Vec<Cell> {
     let more = match refused.errors.len() {
         0 | 1 => String::new(),
         n => format!("; {} more", n - 1),
     };
     let first = refused.errors.first().map_or("", String::as_str);
-    vec![
-        (refused.patient.clone(), None),
-        ("input".to_owned(), None),
-        ("refused".to_owned(), Some(Tone::Bad)),
-        ("-".to_owned(), None),
-        ("-".to_owned(), None),
-        ("-".to_owned(), None),
-        (format!("[input] {}{more}", shortened(first)), None),
+    cells![
+        refused.patient.as_str(),
+        "input",
+        Cell::from("refused").toned(Tone::Bad),
+        Cell::default(),
+        Cell::default(),
+        Cell::default(),
+        format!("[input] {}{more}", shortened(first))
     ]
 }
 
-pub fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
+pub fn row(patient: &PatientStatus) -> Vec<Cell> {
     let tone = match patient.state {
         PatientState::Failed => Some(Tone::Bad),
         PatientState::Unknown | PatientState::Cancelled => Some(Tone::Doubtful),
@@ -154,20 +157,15 @@ pub fn row(patient: &PatientStatus) -> Vec<(String, Option<Tone>)> {
     } else if !patient.note.is_empty() {
         note.push(patient.note.clone());
     }
-    let cost = patient.step2_cost.or(patient.step1_cost);
-    vec![
-        (patient.patient.clone(), None),
-        (patient.step_shown().to_owned(), None),
-        (patient.state.to_string(), tone),
-        (
-            patient
-                .iteration
-                .map_or("-".to_owned(), |(now, limit)| format!("{now}/{limit}")),
-            None,
-        ),
-        (optional(cost), None),
-        (duration(patient.for_s), None),
-        (shortened(&note.join("; ")), stalled.map(|_| Tone::Doubtful)),
+    let iteration = patient.iteration;
+    cells![
+        patient.patient.as_str(),
+        patient.step_shown(),
+        Cell::from(patient.state.to_string()).toned(tone),
+        iteration.map(|(now, limit)| format!("{now}/{limit}")),
+        patient.step2_cost.or(patient.step1_cost),
+        patient.for_s,
+        Cell::from(shortened(&note.join("; "))).toned(stalled.map(|_| Tone::Doubtful))
     ]
 }
 

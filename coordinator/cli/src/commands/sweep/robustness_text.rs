@@ -1,11 +1,10 @@
 //! Tables 3 to 10 of the paper for a terminal.
 
-use cardiotwin_schemas::robustness::{
-    Condition, PatientRobustness, QuantitySpread, RobustnessResult, Uncertainty,
-};
+use cardiotwin_report::results::tables::robustness;
+use cardiotwin_schemas::robustness::{Condition, PatientRobustness, RobustnessResult, Uncertainty};
 
-use crate::table::{Columns, number, optional};
-use crate::talk::{Talk, Tone, count, paint};
+use crate::table;
+use crate::talk::{Talk, count, paint};
 
 /// Text for all patients: tables, spread by seed, errors to targets, failures, conditions.
 #[must_use]
@@ -17,6 +16,7 @@ pub fn tables(result: &RobustnessResult, talk: &Talk) -> String {
 fn patient(patient: &PatientRobustness, result: &RobustnessResult, talk: &Talk) -> String {
     let over = result.spec.over;
     let n = count(result.spec.n_samples as usize, "sample");
+    let spreads = |quantities| table::text(&robustness::spreads("", quantities, true), talk);
     let range = (1e4 * result.spec.range).round() / 100.0;
     let mut text = format!("{}  {} ±{range} %, {n}\n", patient.patient, over.word());
     if patient.tables.is_empty() {
@@ -24,15 +24,15 @@ fn patient(patient: &PatientRobustness, result: &RobustnessResult, talk: &Talk) 
     }
     for table in &patient.tables {
         text += &format!("\n{} (Table {})\n", table.table.word(), table.paper_table);
-        text += &spreads(&table.quantities, talk);
+        text += &spreads(&table.quantities);
     }
     for table in &patient.seed_tables {
         text += &format!("\n{}, with only step 2's seed varied\n", table.table.word());
-        text += &spreads(&table.quantities, talk);
+        text += &spreads(&table.quantities);
     }
     if over == Uncertainty::Data && !patient.target_errors.is_empty() {
         text += "\nerrors of fitted biomarkers, mean (max) %\n";
-        text += &errors(patient, talk);
+        text += &table::text(&robustness::errors(patient), talk);
     }
     for member in patient.members.iter().filter(|m| m.failure.is_some()) {
         text += &format!(
@@ -46,96 +46,13 @@ fn patient(patient: &PatientRobustness, result: &RobustnessResult, talk: &Talk) 
     text
 }
 
-fn spreads(quantities: &[QuantitySpread], talk: &Talk) -> String {
-    let paper = quantities.iter().any(|q| q.paper.is_some());
-    let amplified = quantities.iter().any(|q| q.amplification.is_some());
-    let mut headings = vec![
-        "QUANTITY",
-        ">ORIGINAL",
-        ">MEAN",
-        ">SD",
-        ">MIN",
-        ">MAX",
-        ">DIFF MEAN (SD; MAX) %",
-    ];
-    headings.extend(paper.then_some(">PAPER'S"));
-    headings.push(">SPREAD %");
-    headings.extend(amplified.then_some(">OF INPUT'S"));
-    let mut table = Columns::new(talk, &headings);
-    for q in quantities {
-        let difference = q.relative_differences.map_or_else(dash, |d| {
-            format!(
-                "{} ({}; {})",
-                percent(Some(d.mean)),
-                percent(d.standard_deviation),
-                percent(Some(d.maximum))
-            )
-        });
-        let mut row = vec![
-            q.name.clone(),
-            number(q.original),
-            number(q.values.mean),
-            optional(q.values.standard_deviation),
-            number(q.values.minimum),
-            number(q.values.maximum),
-            difference,
-        ];
-        if paper {
-            row.push(q.paper.as_ref().map_or_else(dash, |p| {
-                let (mean, sd) = (p.mean_of_rel_diff_percent, p.sd_of_rel_diff_percent);
-                format!("{mean} ({sd}; {})", p.max_of_rel_diff_percent)
-            }));
-        }
-        row.push(percent(q.spread));
-        if amplified {
-            row.push(
-                q.amplification
-                    .as_ref()
-                    .map_or_else(dash, |a| format!("{:.2}", a.ratio)),
-            );
-        }
-        table.row(row);
-    }
-    table.text()
-}
-
-fn errors(patient: &PatientRobustness, talk: &Talk) -> String {
-    let mut table = Columns::new(
-        talk,
-        &[
-            "RESULTS",
-            "BIOMARKER",
-            ">ORIGINAL TO MEASURED",
-            ">SAMPLES TO PERTURBED",
-            ">SAMPLES TO MEASURED",
-        ],
-    );
-    for e in &patient.target_errors {
-        let pair = |m: &cardiotwin_schemas::robustness::Moments| {
-            format!("{} ({})", percent(Some(m.mean)), percent(Some(m.maximum)))
-        };
-        table.row([
-            e.table.word().to_owned(),
-            e.biomarker.clone(),
-            percent(Some(e.original)),
-            pair(&e.to_perturbed),
-            pair(&e.to_measured),
-        ]);
-    }
-    table.text()
-}
-
 /// One line for each condition instead of a table, because its result and its limit may be long.
 fn conditions(conditions: &[Condition], talk: &Talk) -> String {
     let line = |c: &Condition| {
-        let (word, tone) = match c.passed {
-            Some(true) => ("passed", Tone::Good),
-            Some(false) => ("failed", Tone::Doubtful),
-            None => ("open  ", Tone::Quiet),
-        };
+        let (word, tone) = robustness::met(c);
         format!(
             "{}  {}: {}, limit {}\n",
-            paint(talk.colour_out, tone, word),
+            paint(talk.colour_out, tone, &format!("{word:6}")),
             c.name,
             c.found,
             c.limit
@@ -144,20 +61,12 @@ fn conditions(conditions: &[Condition], talk: &Talk) -> String {
     conditions.iter().map(line).collect()
 }
 
-fn percent(share: Option<f64>) -> String {
-    share.map_or_else(dash, |share| format!("{:.1}", 100.0 * share))
-}
-
-fn dash() -> String {
-    "-".to_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use cardiotwin_schemas::ids::PatientId;
     use cardiotwin_schemas::robustness::{
-        Amplification, Moments, PaperSpread, Printed, RobustnessSpec, RobustnessTable, TableKind,
-        TargetError,
+        Amplification, Moments, PaperSpread, Printed, QuantitySpread, RobustnessSpec,
+        RobustnessTable, TableKind, TargetError,
     };
 
     use super::*;

@@ -17,7 +17,12 @@ use crate::results::WriteError;
 use crate::results::discovery::finite_element::rms_of;
 use crate::results::discovery::paragraph::p_in_words;
 use crate::results::discovery::words;
+use crate::results::tables::{discovery, discovery_cohort};
+use crate::table;
 use tables::verdict;
+
+/// Number of candidates shown in the ranking.
+const SHOWN: usize = 8;
 
 /// Writes the page of a run of searches.
 ///
@@ -67,14 +72,17 @@ pub fn part(cases: &DiscoverCases) -> Markup {
 /// single patient.
 #[must_use]
 pub fn cohort(cases: &DiscoverCases) -> Markup {
+    let to_patient = |_: usize, id: &str| format!("#{}", anchor::missing(id));
     html! {
         @if cases.len() > 1 {
             p { "An effect that is missing in most patients indicates a fault of the organ's model; one that is missing in a single patient is specific to that patient." }
-            (tables::patients(cases))
-            (tables::pooled(cases))
-            @if cases.values().any(|case| case.run.is_some()) { (tables::run_misses(cases)) }
-            @if cases.values().any(|case| case.finite_element.is_some()) { (tables::finite_elements(cases)) }
-            @if cases.values().any(|case| case.found.stated_filling.is_some()) { (tables::filling(cases)) }
+            (table::html(&discovery_cohort::patients(cases).linked(to_patient)))
+            (table::html(&discovery_cohort::pooled(cases)))
+            @for table in [
+                discovery_cohort::run_misses(cases).linked(to_patient),
+                discovery_cohort::finite_elements(cases).linked(to_patient),
+                discovery_cohort::filling(cases).linked(to_patient),
+            ].iter().filter(|table| !table.rows.is_empty()) { (table::html(table)) }
         }
     }
 }
@@ -102,11 +110,13 @@ fn section(case: &DiscoverCase, class: &str) -> Markup {
             (legend(&keys))
             (traces_and_residuals(&reduced, ""))
             div.tables {
-                (tables::ranking(case))
-                (tables::gaps(case))
-                (tables::places(case))
-                (tables::biomarkers(case))
-                (tables::indices(case))
+                @for table in [
+                    discovery::ranking(case, SHOWN),
+                    discovery::gaps(case),
+                    discovery::places(case),
+                    tables::biomarkers(case),
+                    tables::indices(case),
+                ].iter().filter(|table| !table.rows.is_empty()) { (table::html(table)) }
             }
             (tables::lists(case))
             (in_3d(case))
@@ -158,7 +168,7 @@ fn in_3d(case: &DiscoverCase) -> Markup {
         p.quiet { "The same patient on a mesh of " (gap.nodes) " nodes, personalised without and with the accepted effects; the beats of both twins." }
         (legend(&keys))
         (traces_and_residuals(&compared, " in 3D"))
-        div.tables { (tables::finite_element(gap)) }
+        div.tables { (table::html(&discovery::finite_element(gap))) }
     }
 }
 
@@ -250,7 +260,7 @@ mod tests {
         let html = section(&case("P<1>", kick()), "patient").into_string();
         for part in [
             "P&lt;1&gt;",
-            "● accepted",
+            "●</span> accepted",
             "whole beat",
             "whole heart volume",
             "with atrial kick",
@@ -370,14 +380,14 @@ mod tests {
                 .into();
             let html = section(&cases["P1"], "patient").into_string();
             for part in [
-                "▲ accepted, not confirmed",
+                "▲</span> accepted, not confirmed",
                 "<span class=\"badge\">atrial kick (not confirmed on held-out data)</span>",
                 "with atrial kick (not confirmed on held-out data)",
                 "held-out pressure and volume",
             ] {
                 assert!(html.contains(part), "{part} is not in {html}");
             }
-            assert!(!html.contains("● accepted"), "{html}");
+            assert!(!html.contains("●</span> accepted"), "{html}");
             let html = cohort(&cases).into_string();
             assert!(
                 html.contains("2 of 2, 1 not confirmed")
