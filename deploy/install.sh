@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Puts what was built under a prefix, as packages and module trees want it. Usage: deploy/install.sh PREFIX [BINARIES]
-#   PREFIX    absolute, for example /opt/cardiotwin/0.1.0; DESTDIR is put before it
+#   PREFIX    absolute, for example /opt/cardiotwin/0.2.0; DESTDIR is put before it
 #   BINARIES  folders with programs, the first that has one wins [default: target/release]
 # Gives bin/, share/man/man1/, share/bash-completion/, share/zsh/, share/fish/, share/cardiotwin/ (site profiles, batch scripts) and
 # share/modulefiles/cardiotwin/VERSION (for environment-modules and Lmod).

@@ -86,7 +86,7 @@ pub fn table(run: &RunRecord, most: usize, talk: &Talk) -> String {
             .collect();
         let of = match is_last {
             true => format!("of {}, absolute", counted.len()),
-            false => format!("of {} converged, absolute", counted.len()),
+            false => format!("of {} with step 1 converged, absolute", counted.len()),
         };
         let mut row = cells!["mean", hyphened(step), of, ""];
         row.extend(Biomarker::TABLE_2.map(|b| {
@@ -114,7 +114,7 @@ pub fn table(run: &RunRecord, most: usize, talk: &Talk) -> String {
     }
     text.push_str(&verdicts(run, most));
     text.push_str(
-        "differences are (simulated - measured) / measured; VOLUME GAP: end minus beginning of the beat;\n\
+        "differences are (simulated - measured) / measured; VOLUME GAP: volume at the beginning of the beat minus that at its end;\n\
          COST: step 1's sum of squares at the organ, step 2's weighted misfit at the cell,\n\
          step 3's squared differences divided by the measurements' variances\n",
     );

@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn a_band_of_both_ends_at_the_truth() {
-        let (error, within) = (0.05, 0.03);
+        let (error, within) = (0.05_f64, 0.03_f64);
         assert!((within.hypot(beyond(error, within)) - error).abs() < 1e-15);
         assert_eq!(
             beyond(0.02, within),
