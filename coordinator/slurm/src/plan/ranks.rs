@@ -117,7 +117,10 @@ mod tests {
     fn the_model_is_that_of_the_script() {
         for (ranks, expected_s) in [(2, 117.20), (16, 16.48), (128, 3.65), (512, 61.60)] {
             let of_beat = beat_s(64_000, ranks, 128);
-            assert!((of_beat / expected_s - 1.0).abs() < 0.03, "{ranks}: {of_beat}");
+            assert!(
+                (of_beat / expected_s - 1.0).abs() < 0.03,
+                "{ranks}: {of_beat}"
+            );
         }
     }
 

@@ -66,7 +66,7 @@ pub(super) fn check_numbers(measured: &Measured, problems: &mut Vec<Problem>) {
 
 /// A mean atrial pressure below this share of the end-diastolic pressure is named, where the latter is more than a wrong zero.
 const LEAST_FILLING_SHARE: f64 = 0.25;
-const LEAST_EDP_MMHG: f64 = 4.0;
+const PLAUSIBLE_EDP_MMHG: std::ops::Range<f64> = 4.0..30.0;
 
 fn atrial_pressure(measured: &Measured, problems: &mut Vec<Problem>) {
     let edp = measured
@@ -80,7 +80,8 @@ fn atrial_pressure(measured: &Measured, problems: &mut Vec<Problem>) {
     let (Some(atrial), Some((edp, name))) = (measured.left_atrial_pressure, edp) else {
         return;
     };
-    if atrial.0 > 0.0 && edp > LEAST_EDP_MMHG && atrial.0 < LEAST_FILLING_SHARE * edp {
+    // A high end-diastolic pressure is itself in doubt, and other rules name it.
+    if atrial.0 > 0.0 && PLAUSIBLE_EDP_MMHG.contains(&edp) && atrial.0 < LEAST_FILLING_SHARE * edp {
         let in_mmhg = atrial.0 * MMHG_PER_KPA;
         let remedy = if (0.4..1.5).contains(&(in_mmhg / edp)) {
             format!(

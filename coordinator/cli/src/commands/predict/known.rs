@@ -1,46 +1,13 @@
 //! What a band covers, and what a prediction knows of a change.
 
 use cardiotwin_calibrate::formulations::{ChangeOf, Discrepancies, Table};
-use serde::Serialize;
 
 use super::bands::Interval;
 use super::change::Changed;
-use super::predicted::Predicted;
+use super::predicted::{Known, Predicted};
 
 /// Share of hearts whose change must have had the predicted direction for a direction to be known: that of the bands.
 const RIGHT_DIRECTION: f64 = cardiotwin_calibrate::formulations::LEVEL;
-
-/// What a prediction knows of the change of an index.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Known {
-    /// Its size, as the band says: the band has one direction.
-    Size,
-    /// Its direction only: the band has both, but the predicted one was right on hearts of other formulations.
-    Direction,
-    /// Neither.
-    Neither,
-}
-
-impl Known {
-    /// In words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Size => "size",
-            Self::Direction => "direction only",
-            Self::Neither => "neither",
-        }
-    }
-
-    /// Mark behind a value.
-    pub fn mark(self) -> &'static str {
-        match self {
-            Self::Size => "",
-            Self::Direction => " ~",
-            Self::Neither => " ?",
-        }
-    }
-}
 
 /// What is known of the discrepancy between formulations for some changes.
 pub enum Formulations {

@@ -2,7 +2,37 @@
 
 use serde::Serialize;
 
-use super::known::Known;
+/// What a prediction knows of the change of an index.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Known {
+    /// Its size, as the band says: the band has one direction.
+    Size,
+    /// Its direction only: the band has both, but the predicted one was right on hearts of other formulations.
+    Direction,
+    /// Neither.
+    Neither,
+}
+
+impl Known {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Size => "size",
+            Self::Direction => "direction only",
+            Self::Neither => "neither",
+        }
+    }
+
+    /// Mark behind a value.
+    pub fn mark(self) -> &'static str {
+        match self {
+            Self::Size => "",
+            Self::Direction => " ~",
+            Self::Neither => " ?",
+        }
+    }
+}
 
 /// An index of the twin and its prediction.
 #[derive(Debug, Clone, PartialEq, Serialize)]
