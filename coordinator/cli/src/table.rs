@@ -193,7 +193,7 @@ mod tests {
             }
             let text = text(&table, &PLAIN);
             let page = html(&table).into_string();
-            let page = page.replace('\u{2212}', "-").replace('\u{2013}', "-");
+            let page = page.replace(['\u{2212}', '\u{2013}'], "-");
             prop_assert!(page.contains("&lt;a&gt; &amp; &quot;b&quot;"));
             let file = csv(&table);
             let mut lines = file.lines();
