@@ -120,7 +120,11 @@ impl CliError {
             Self::Engine(EngineError::Transition(_)) => Exit::Bug,
             Self::Engine(EngineError::Request { .. } | EngineError::OnCluster { .. })
             | Self::Usage(_) => Exit::Usage,
-            Self::Engine(EngineError::Site { .. } | EngineError::OtherWorker { .. }) => Exit::Input,
+            Self::Engine(
+                EngineError::Site { .. }
+                | EngineError::NoAccount { .. }
+                | EngineError::OtherWorker { .. },
+            ) => Exit::Input,
             Self::Sweep(error) => sweep_exit(error),
             Self::Input { .. }
             | Self::Trace { .. }

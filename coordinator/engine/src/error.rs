@@ -99,6 +99,12 @@ pub enum EngineError {
         /// Error of the JSON parser.
         source: serde_json::Error,
     },
+    /// The site's profile asks for an account, but the settings name none.
+    #[error("site {site} needs an account: set executor.slurm.account")]
+    NoAccount {
+        /// Name of the site.
+        site: String,
+    },
     /// The site's profile is missing or wrong.
     #[error("{message}")]
     Site {

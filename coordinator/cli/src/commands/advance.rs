@@ -61,7 +61,8 @@ struct Tick {
 /// # Errors
 /// The same as for `run`.
 pub async fn execute(args: &AdvanceArgs, talk: &Talk) -> Result<Exit, CliError> {
-    let folders = args.place.folders();
+    let mut folders = args.place.folders();
+    folders.find_cohort().await?;
     let options = load_for_cluster(
         &folders,
         &args.set,

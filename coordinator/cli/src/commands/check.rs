@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use cardiotwin_engine::{load_site, without_queue};
+use cardiotwin_engine::{EngineError, load_site, without_queue};
 use cardiotwin_input::{self as input, Cohort, Finding, Options, Report};
 use cardiotwin_schemas::settings::ExecutorKind;
 use clap::Args;
@@ -158,20 +158,19 @@ fn queues(cohort: &Cohort, report: &mut Report) {
     let site = match load_site(&executor.slurm) {
         Ok(site) => site,
         Err(error) => {
-            let error = error.to_string();
-            let (key, expected, remedy) = if error.contains("executor.slurm.account") {
-                (
+            let (key, expected, remedy) = match error {
+                EngineError::NoAccount { .. } => (
                     "executor.slurm.account",
                     "the account that is charged",
                     "set it; `sacctmgr show assoc user=$USER` lists yours",
-                )
-            } else {
-                (
+                ),
+                _ => (
                     "executor.slurm.site",
                     "a site with a profile",
                     "correct the profile, or name another site",
-                )
+                ),
             };
+            let error = error.to_string();
             report.add(
                 None,
                 cohort

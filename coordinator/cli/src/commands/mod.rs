@@ -1,6 +1,7 @@
 //! Commands of the program, one file each with its arguments and its execution.
 
 pub mod advance;
+mod after;
 pub mod backup;
 pub mod cancel;
 pub mod check;

@@ -13,11 +13,12 @@ use cardiotwin_report::html::{self, Pages};
 use cardiotwin_schemas::ids::PatientId;
 use cardiotwin_schemas::plan::ResolvedPatient;
 use cardiotwin_schemas::record::PatientRecord;
-use cardiotwin_schemas::settings::{ExecutorKind, ExecutorSettings};
+use cardiotwin_schemas::settings::ExecutorKind;
 use cardiotwin_schemas::status::{PatientStatus, RefusedPatient};
 use cardiotwin_sweep::discovery;
 use clap::Args;
 
+use crate::commands::after::{job_number, with_dependency};
 use crate::commands::report::FILE;
 use crate::commands::status;
 use crate::error::CliError;
@@ -36,8 +37,6 @@ use crate::{access, kept, problems, redone, scratch, summary};
 
 /// Largest number of patients for which each patient's result is printed as soon as it is known.
 const LINES_WITH_RESULTS: usize = 100;
-/// Option of `sbatch` that makes a job wait for others.
-const DEPENDENCY: &str = "--dependency";
 /// Rows of the status table that a run on a cluster prints.
 const ROWS: usize = 60;
 
@@ -234,47 +233,6 @@ impl RunArgs {
         );
         set
     }
-}
-
-/// A job of Slurm, or an element of an array, as `sbatch --dependency` takes it.
-fn job_number(text: &str) -> Result<String, String> {
-    let is_number = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
-    let (job, element) = text
-        .split_once('_')
-        .map_or((text, None), |(job, element)| (job, Some(element)));
-    if is_number(job) && element.is_none_or(is_number) {
-        Ok(text.to_owned())
-    } else {
-        Err("expected the number of a job, such as 4711 or 4711_3".to_owned())
-    }
-}
-
-/// Settings whose jobs begin after those of `--after` have ended, whatever their ends were. The run does not keep this: Slurm
-/// forgets ended jobs.
-///
-/// # Errors
-/// [`CliError::Usage`] without Slurm, or where the directives have a dependency already.
-fn with_dependency(
-    mut executor: ExecutorSettings,
-    after: &[String],
-) -> Result<ExecutorSettings, CliError> {
-    if after.is_empty() {
-        return Ok(executor);
-    }
-    if executor.kind != ExecutorKind::Slurm {
-        return Err(CliError::Usage(
-            "--after waits for jobs of Slurm; this run uses local processes (executor.kind)"
-                .to_owned(),
-        ));
-    }
-    let directives = &mut executor.slurm.directives;
-    if let Some(own) = directives.iter().find(|d| d.starts_with(DEPENDENCY)) {
-        return Err(CliError::Usage(format!(
-            "--after: executor.slurm.directives has `{own}` already; remove one of them"
-        )));
-    }
-    directives.push(format!("{DEPENDENCY}=afterany:{}", after.join(":")));
-    Ok(executor)
 }
 
 /// Options for a run of the whole cohort; on a cluster it ends after its first tick.
@@ -697,40 +655,4 @@ async fn dry_run(
         folders.run.display()
     ))?;
     Ok(Exit::Ok)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn on_slurm() -> ExecutorSettings {
-        ExecutorSettings {
-            kind: ExecutorKind::Slurm,
-            ..ExecutorSettings::default()
-        }
-    }
-
-    #[test]
-    fn jobs_wait_for_those_of_after() {
-        let after = ["4711", "12_3"].map(|job| job_number(job).unwrap());
-        let executor = with_dependency(on_slurm(), &after).unwrap();
-        assert_eq!(
-            executor.slurm.directives,
-            ["--dependency=afterany:4711:12_3"]
-        );
-        assert_eq!(with_dependency(on_slurm(), &[]).unwrap(), on_slurm());
-        for wrong in ["", "4711_", "_3", "4711:12", "job", "4711 "] {
-            assert!(job_number(wrong).is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn after_is_refused_without_slurm_and_next_to_another_dependency() {
-        let after = ["4711".to_owned()];
-        let refusal = |executor| with_dependency(executor, &after).unwrap_err().to_string();
-        assert!(refusal(ExecutorSettings::default()).contains("executor.kind"));
-        let mut executor = on_slurm();
-        executor.slurm.directives = vec!["--dependency=singleton".to_owned()];
-        assert!(refusal(executor).contains("`--dependency=singleton`"));
-    }
 }

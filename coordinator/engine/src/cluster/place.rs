@@ -99,11 +99,7 @@ pub fn plan_jobs(
             .map_err(|error| EngineError::Site {
                 message: error.to_string(),
             })?;
-        let mut waiting = patients;
-        // What no queue has room for waits for the first one.
-        for (queue, is_last) in (queues.iter().map(|queue| (*queue, false)))
-            .chain(queues.first().map(|queue| (*queue, true)))
-        {
+        let mut plan_on = |queue, patients: &[usize]| -> Result<_, EngineError> {
             let mut used = in_use(queue);
             let queued = taken.entry(&queue.name).or_default();
             used.queued += *queued;
@@ -116,30 +112,42 @@ pub fn plan_jobs(
                 like: &like,
                 used,
             };
-            let in_3d = like.share.in_3d;
-            let planned = if in_3d && queue.unit.unwrap_or(site.node.unit) == Unit::Node {
-                group.bundles(&waiting)?
+            let whole_nodes = queue.unit.unwrap_or(site.node.unit) == Unit::Node;
+            let planned = if like.share.in_3d && whole_nodes {
+                group.bundles(patients)?
             } else {
-                group.chunks(&waiting)?
+                group.chunks(patients)?
             };
             let (now, later): (Vec<_>, Vec<_>) = planned.into_iter().partition(|job| job.now);
             let elements: usize = now.iter().map(|job| job.patients.len()).sum();
             *queued += u32::try_from(elements).unwrap_or(u32::MAX);
+            Ok((now, later))
+        };
+        let [first, fallbacks @ ..] = &queues[..] else {
+            continue;
+        };
+        let (now, mut later) = plan_on(first, &patients)?;
+        jobs.extend(now);
+        // What no fallback has room for waits for the first one.
+        let last = fallbacks.last().map(|_| first);
+        for queue in fallbacks.iter().chain(last) {
+            if later.is_empty() {
+                break;
+            }
+            let (now, rest) = plan_on(queue, &waiting_in(&later))?;
             jobs.extend(now);
-            if is_last || queues.len() == 1 {
-                jobs.extend(later);
-                break;
-            }
-            waiting = later
-                .into_iter()
-                .flat_map(|job| job.patients.into_iter().flatten())
-                .collect();
-            if waiting.is_empty() {
-                break;
-            }
+            later = rest;
         }
+        jobs.extend(later);
     }
     Ok(jobs)
+}
+
+/// Patients of jobs.
+fn waiting_in(jobs: &[PlannedJob]) -> Vec<usize> {
+    jobs.iter()
+        .flat_map(|job| job.patients.iter().flatten().copied())
+        .collect()
 }
 
 struct Group<'a> {

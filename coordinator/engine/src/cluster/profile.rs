@@ -120,10 +120,7 @@ pub fn load_site(settings: &SlurmSettings) -> Result<Site, EngineError> {
         }
     }
     if site.needs_account && settings.account.is_none() {
-        return Err(wrong(format!(
-            "site {} needs an account: set executor.slurm.account",
-            site.name
-        )));
+        return Err(EngineError::NoAccount { site: site.name });
     }
     Ok(site)
 }

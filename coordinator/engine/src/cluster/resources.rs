@@ -81,7 +81,7 @@ impl ResourceRequest {
             let fallback = site.queue(Some(name), self.used_for());
             let fallback = fallback.filter(|queue| {
                 queue.uses.contains(&self.used_for())
-                    && self.nodes() <= most_nodes(queue).unwrap_or(u32::MAX)
+                    && self.nodes() <= most_of_job(queue)
                     && queues.iter().all(|known| known.name != queue.name)
             });
             queues.extend(fallback);
@@ -117,7 +117,7 @@ impl ResourceRequest {
                 remedy: "set fewer, or executor.launcher for MPI ranks on several nodes",
             });
         }
-        let most = most_nodes(queue).unwrap_or(u32::MAX);
+        let most = most_of_job(queue);
         if self.nodes() > most {
             let on_each = self.ranks_per_node.unwrap_or(cores);
             return Err(NoQueue {
@@ -154,6 +154,11 @@ pub struct NoQueue {
 
 fn most_nodes(queue: &Queue) -> Option<u32> {
     queue.max_nodes_per_job.or(queue.nodes)
+}
+
+/// Largest number of nodes that a queue gives to a job; any number where its profile names none.
+fn most_of_job(queue: &Queue) -> u32 {
+    most_nodes(queue).unwrap_or(u32::MAX)
 }
 
 /// The first reason why a patient's simulations fit into no queue of the site; `None` if all fit.

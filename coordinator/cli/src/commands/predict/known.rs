@@ -1,5 +1,7 @@
 //! What a band covers, and what a prediction knows of a change.
 
+use std::sync::LazyLock;
+
 use cardiotwin_calibrate::formulations::{ChangeOf, Discrepancies, Table};
 
 use super::bands::Interval;
@@ -9,24 +11,26 @@ use super::predicted::{Known, Predicted};
 /// Share of hearts whose change must have had the predicted direction for a direction to be known: that of the bands.
 const RIGHT_DIRECTION: f64 = cardiotwin_calibrate::formulations::LEVEL;
 
+/// The discrepancies that the program knows, read once for all predictions of a file of scenarios.
+pub static LEARNT: LazyLock<Discrepancies> = LazyLock::new(Discrepancies::learnt);
+
 /// What is known of the discrepancy between formulations for some changes.
-pub enum Formulations {
+pub enum Formulations<'a> {
     /// Learnt on hearts of other formulations.
     Learnt {
-        table: Table,
-        /// Quantities with their factors.
-        made: Vec<(String, f64)>,
+        table: &'a Table,
+        made: Vec<ChangeOf<'a>>,
     },
     /// Nothing, with the reason.
     Unknown(String),
 }
 
-impl Formulations {
+impl<'a> Formulations<'a> {
     /// - `ventricle` and `circulation`, by their names in the answer; `periodic`: not after a fixed number of beats
     pub fn of(
-        learnt: &Discrepancies,
+        learnt: &'a Discrepancies,
         (ventricle, circulation): (&str, &str),
-        made: &[Changed],
+        made: &'a [Changed],
         periodic: bool,
     ) -> Self {
         if !periodic {
@@ -37,17 +41,17 @@ impl Formulations {
                 "the {ventricle} ventricle in this circuit was not compared with other hearts"
             ));
         };
-        let made: Vec<(String, f64)> = (made.iter())
-            .map(|one| (one.key.clone(), one.after / one.before))
+        let made: Vec<ChangeOf<'a>> = (made.iter())
+            .map(|one| ChangeOf {
+                quantity: &one.key,
+                factor: one.after / one.before,
+            })
             .collect();
-        match table.untried(&borrowed(&made)) {
+        match table.untried(&made) {
             Some(quantity) => Self::Unknown(format!(
                 "a change of {quantity} was not compared with other hearts"
             )),
-            None => Self::Learnt {
-                table: table.clone(),
-                made,
-            },
+            None => Self::Learnt { table, made },
         }
     }
 
@@ -90,7 +94,7 @@ impl Formulations {
         index.band_within_model = Some(of_values(within.around(change)));
         index.band = index.band_within_model;
         if let Self::Learnt { table, made } = self
-            && let Some(discrepancy) = table.discrepancy(&borrowed(made), index.name)
+            && let Some(discrepancy) = table.discrepancy(made, index.name)
         {
             let band = within.widened(change, discrepancy.half_width);
             index.band = Some(of_values(band));
@@ -102,15 +106,6 @@ impl Formulations {
             });
         }
     }
-}
-
-fn borrowed(made: &[(String, f64)]) -> Vec<ChangeOf<'_>> {
-    (made.iter())
-        .map(|(quantity, factor)| ChangeOf {
-            quantity,
-            factor: *factor,
-        })
-        .collect()
 }
 
 #[cfg(test)]
@@ -163,7 +158,7 @@ mod tests {
     }
 
     /// Bands of an index that changes by `change`, uncertain by 3 % within the model.
-    fn entered(formulations: &Formulations, change: f64) -> Predicted {
+    fn entered(formulations: &Formulations<'_>, change: f64) -> Predicted {
         let mut index = index(change);
         let within = Interval {
             low: change - 0.03,
@@ -179,7 +174,8 @@ mod tests {
     #[test]
     fn a_band_contains_that_within_the_model_and_the_discrepancy() {
         let compliance = made("compliance_mL_per_mmHg", 0.75);
-        let found = Formulations::of(&learnt(0.95), HERE, &compliance, true);
+        let learnt = learnt(0.95);
+        let found = Formulations::of(&learnt, HERE, &compliance, true);
         let index = entered(&found, 0.08);
         let near = |found: Option<[f64; 2]>, low: f64, high: f64| {
             let [a, b] = found.unwrap();
@@ -188,12 +184,8 @@ mod tests {
         near(index.band_within_model, 105.0, 111.0);
         near(index.band, 103.0, 113.0);
         assert_eq!(index.known, Some(Known::Size));
-        let twice = Formulations::of(
-            &learnt(0.95),
-            HERE,
-            &made("compliance_mL_per_mmHg", 0.75f64.powi(2)),
-            true,
-        );
+        let squared = made("compliance_mL_per_mmHg", 0.75f64.powi(2));
+        let twice = Formulations::of(&learnt, HERE, &squared, true);
         let wide = 100.0 * 0.08f64.hypot(0.03);
         near(entered(&twice, 0.08).band, 108.0 - wide, 108.0 + wide);
         assert!(
@@ -207,7 +199,8 @@ mod tests {
     fn a_band_with_both_directions_knows_one_where_it_was_right() {
         let compliance = made("compliance_mL_per_mmHg", 0.75);
         for (right, known) in [(0.9, Known::Direction), (0.85, Known::Neither)] {
-            let found = Formulations::of(&learnt(right), HERE, &compliance, true);
+            let learnt = learnt(right);
+            let found = Formulations::of(&learnt, HERE, &compliance, true);
             assert_eq!(entered(&found, -0.02).known, Some(known));
             assert_eq!(entered(&found, -0.06).known, Some(Known::Size));
         }
@@ -215,18 +208,17 @@ mod tests {
 
     #[test]
     fn what_was_not_compared_has_the_band_within_the_model_alone() {
-        let of = |place, key, periodic| {
-            Formulations::of(&learnt(0.95), place, &made(key, 1.1), periodic)
-        };
-        let known = "compliance_mL_per_mmHg";
+        let learnt = learnt(0.95);
+        let [known, other] = ["compliance_mL_per_mmHg", "Ca_max_uM"].map(|key| made(key, 1.1));
+        let of = |place, made, periodic| Formulations::of(&learnt, place, made, periodic);
         for (found, reason) in [
-            (of(HERE, "Ca_max_uM", true), "change of Ca_max_uM"),
+            (of(HERE, &other, true), "change of Ca_max_uM"),
             (
-                of(("finite-element", "open"), known, true),
+                of(("finite-element", "open"), &known, true),
                 "finite-element",
             ),
-            (of(("one-fibre", "closed"), known, true), "this circuit"),
-            (of(HERE, known, false), "steady"),
+            (of(("one-fibre", "closed"), &known, true), "this circuit"),
+            (of(HERE, &known, false), "steady"),
         ] {
             let said = found.sentence(true);
             assert!(

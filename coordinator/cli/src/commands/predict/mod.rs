@@ -13,7 +13,6 @@ mod scenarios;
 
 use std::path::{Path, PathBuf};
 
-use cardiotwin_calibrate::formulations::Discrepancies;
 use cardiotwin_engine::{Reader, find_worker};
 use cardiotwin_report::html::prediction::{BeatLines, figure};
 use cardiotwin_report::results::atomic;
@@ -28,7 +27,7 @@ use self::bands::Bands;
 use self::change::{Change, Changed};
 use self::circuit::{Both, TwinsLoop, both};
 use self::indices::{Traces, changes, indices, value_of};
-use self::known::Formulations;
+use self::known::{Formulations, LEARNT};
 use self::law_file::LawKnowledgeFile;
 use self::predicted::{Known, Predicted};
 use crate::error::CliError;
@@ -275,7 +274,7 @@ fn predict(
         (_, name) => name,
     };
     let formulations = Formulations::of(
-        &Discrepancies::learnt(),
+        &LEARNT,
         (compared, circulation.name()),
         &both.made,
         args.beats.is_none(),
