@@ -1,7 +1,7 @@
 //! One table for all media: columns are declared once, cells hold values, and each medium renders them.
 //!
 //! A terminal's renderer is in `cli`, which knows widths and colours; [`html()`] makes a page's table,
-//! [`csv`] a file, and a [`Table`] serialises as an array of objects.
+//! [`csv()`] a file, and a [`Table`] serialises as an array of objects.
 
 mod csv;
 mod digits;
