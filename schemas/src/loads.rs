@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use cardiotwin_vocabulary::circulation::WindkesselParameters;
+use cardiotwin_vocabulary::circulation::{LoopContents, WindkesselParameters};
 
 /// An effect beyond the base model with its parameters. The keys of the parameters carry their
 /// units.
@@ -41,7 +41,7 @@ pub struct CirculationSpec {
 
 /// A loop from the aorta through body, right heart and lungs to a left atrium that contracts. At the
 /// start the pressures are in balance with the filling pressure and the output.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ClosedLoopSpec {
     /// Output of a beat at the start.
@@ -57,6 +57,10 @@ pub struct ClosedLoopSpec {
     /// What the blood volume follows from; absent where it is the one of the balance at the start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filling: Option<LoopFilling>,
+    /// Contents of the loop at the beginning of a 3D beat. Where they are absent the worker takes those
+    /// of the periodic beat of a one-fibre ventricle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contents: Option<LoopContents>,
 }
 
 /// Loads and pacing of the patient at rest, from which a loop's resistances, start and times follow.

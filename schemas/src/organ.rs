@@ -14,8 +14,9 @@ pub use crate::one_fibre::{ActivationSpec, OneFibrePassive};
 pub use cardiotwin_vocabulary::cell::{
     CELL_DEFAULTS, CELL_PARAMETERS, RICE_PARAMETERS, cell_default,
 };
-pub use cardiotwin_vocabulary::circulation::OPEN_CIRCUIT_EFFECTS;
-pub use cardiotwin_vocabulary::circulation::WindkesselParameters;
+pub use cardiotwin_vocabulary::circulation::{
+    LoopContents, OPEN_CIRCUIT_EFFECTS, WindkesselParameters,
+};
 pub use cardiotwin_vocabulary::step1::{
     Step1Parameters, TanhParameters, VALVE_PARAMETERS, ValveParameters,
 };

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use cardiotwin_vocabulary::circulation::LoopContents;
+
 use crate::biomarkers::{Biomarkers, CellBiomarkers, TimePoints};
 use crate::discover::Discovered;
 use crate::failure::Failure;
@@ -180,7 +182,7 @@ pub struct OrganBeatResult {
 }
 
 /// State of a closed loop in the last beat.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct LoopState {
     /// Blood volume: what ventricle and chambers hold, and what vessels hold above their volume
@@ -190,6 +192,8 @@ pub struct LoopState {
     /// Mean pressure of the left atrium over the beat.
     #[serde(rename = "mean_left_atrial_pressure_mmHg")]
     pub mean_left_atrial_pressure_mmhg: f64,
+    /// Contents of the loop at the end of the beat, from which a further beat can start.
+    pub contents: LoopContents,
 }
 
 /// Suffix of the names of checks that a valve opened and closed, for example

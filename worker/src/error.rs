@@ -187,8 +187,8 @@ pub enum TaskError {
     /// An accepted effect cannot be simulated.
     #[error("cannot apply the effects of the patient's model")]
     Effect(#[source] EffectError),
-    /// Another ventricle than the reduced one was given a closed circulation.
-    #[error("a closed circulation surrounds the reduced ventricle only")]
+    /// An external solver's ventricle, which has a circulation of its own, was given a closed one.
+    #[error("a closed circulation does not surround the ventricle of an external solver")]
     ClosedLoop,
     /// The blood volume of a loop follows from the periodic beat, and a number of beats was asked for.
     #[error("a loop's blood volume is found with the periodic beat, not after a number of beats")]
@@ -363,7 +363,7 @@ impl TaskError {
             Self::Organ(_) | Self::Contraction(_) | Self::Circulation(_) | Self::Cell(_) => Some(
                 "set bounds or start values so that the parameter stays inside the model's range",
             ),
-            Self::ClosedLoop => Some("use the reduced ventricle, or the open circulation"),
+            Self::ClosedLoop => Some("use the law, the reduced ventricle, or the open circulation"),
             Self::LoopWithoutPeriodicState => {
                 Some("ask for periodic beats, or leave the filling of the loop out")
             }

@@ -31,6 +31,18 @@ use super::problems;
 use super::store::stored_overrides;
 use super::talk::{Talk, count};
 
+/// Most beats to the periodic state of a reduced ventricle, and the tolerance (mmHg and mL) at which a beat
+/// counts as periodic.
+pub const PERIODIC: BeatCount = BeatCount::Periodic {
+    max: 100,
+    tolerance: 0.05,
+};
+/// The same for a finite-element ventricle, whose beats take seconds to minutes.
+pub const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
+    max: 10,
+    tolerance: 0.5,
+};
+
 /// The ventricle that a worker simulates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AskedFor<'a> {

@@ -1,5 +1,7 @@
 //! Parameters of the circulation and pressures measured on it.
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -27,6 +29,18 @@ pub struct WindkesselParameters {
     /// Compliance C of the arteries.
     #[serde(rename = "compliance_mL_per_mmHg")]
     pub compliance_ml_per_mmhg: f64,
+}
+
+/// What the parts of a closed loop hold at one time, by name. All that the loop does later follows from it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct LoopContents {
+    /// Volume of each chamber and vessel; of a vessel what it holds above its volume without pressure.
+    #[serde(rename = "volumes_mL")]
+    pub volumes_ml: BTreeMap<String, f64>,
+    /// Flow of each path whose blood has inertia, positive in its direction.
+    #[serde(rename = "flows_mL_per_s")]
+    pub flows_ml_per_s: BTreeMap<String, f64>,
 }
 
 /// Arm cuff pressures.

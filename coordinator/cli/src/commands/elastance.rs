@@ -23,13 +23,13 @@ use serde::Serialize;
 use crate::commands::predict::beat::simulate;
 use crate::commands::predict::indices::Traces;
 use crate::commands::predict::law_file::LawKnowledgeFile;
-use crate::commands::predict::{PERIODIC, no_twin, with_twin};
+use crate::commands::predict::{no_twin, with_twin};
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::place::OfCohort;
 use crate::table::{Columns, number, optional};
 use crate::talk::Talk;
-use crate::ventricle::Ventricle;
+use crate::ventricle::{PERIODIC, Ventricle};
 
 /// Factors on the filling pressure of the virtual loads for the lines, as an occlusion of the vena cava
 /// makes them; the first is rest.

@@ -7,7 +7,7 @@ use cardiotwin_engine::find_worker;
 use cardiotwin_input::{self as input, nearest, value_from_text};
 use cardiotwin_report::results::tables::biomarkers;
 use cardiotwin_schemas::organ::{
-    BeatCount, CELL_PARAMETERS, ClosedLoopSpec, ContractionSpec, OrganSpec,
+    BeatCount, CELL_PARAMETERS, ClosedLoopSpec, ContractionSpec, LoopFilling, OrganSpec,
 };
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, PassiveStateResult, TaskResult};
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
@@ -20,15 +20,11 @@ use crate::exit::Exit;
 use crate::place::OfCohort;
 use crate::table::{self, Columns};
 use crate::talk::{Talk, Tone, count};
-use crate::ventricle::{AskedFor, CirculationKind, Ventricle, ask_worker, describe, unexpected};
-use crate::vtu::announcement;
-
-/// Most beats of a periodic simulation, and the tolerance (mmHg and mL) at which a beat counts as
-/// periodic.
-const PERIODIC: BeatCount = BeatCount::Periodic {
-    max: 100,
-    tolerance: 0.05,
+use crate::ventricle::{
+    AskedFor, CirculationKind, PERIODIC, PERIODIC_IN_3D, Ventricle, ask_worker, describe,
+    unexpected,
 };
+use crate::vtu::announcement;
 
 /// Simulate a patient's organ once and print its traces; files are written only with --out
 #[derive(Debug, Args)]
@@ -88,19 +84,31 @@ pub struct SimulateArgs {
 /// Stroke volume over end-diastolic volume at the start of a loop, if no stroke volume is measured.
 const EJECTION_FRACTION: f64 = 0.6;
 
-/// Closes the circulation of a reduced ventricle.
+/// Closes the circulation. A 3D ventricle starts from the periodic beat of a one-fibre ventricle, whose
+/// loop has the blood with which it fills to the same end-diastolic volume.
 fn close(spec: &mut OrganBeatSpec, passive: &PassiveStateResult) -> Result<(), CliError> {
-    let OrganSpec::Reduced { passive: law, .. } = &spec.organ else {
-        let message = "--circulation closed: the loop surrounds the reduced ventricle only; add `--set solver.fidelity=reduced`";
-        return Err(CliError::Usage(message.to_owned()));
+    let (end_diastolic_volume_ml, filling) = match &spec.organ {
+        OrganSpec::Reduced { passive, .. } => (passive.end_diastolic_volume_ml, None),
+        OrganSpec::FiniteElement(organ) => {
+            let volume_ml = organ.figures.end_diastolic_volume_ml;
+            (
+                volume_ml,
+                Some(LoopFilling::EndDiastolicVolume { volume_ml }),
+            )
+        }
+        OrganSpec::External(_) => {
+            let message = "--circulation closed: the loop does not surround the ventricle of an external \
+                           solver; add `--set solver.fidelity=reduced`";
+            return Err(CliError::Usage(message.to_owned()));
+        }
     };
     let measured = passive.measured.sv_ml;
-    let stroke_volume_ml = measured.unwrap_or(EJECTION_FRACTION * law.end_diastolic_volume_ml);
     spec.circulation.closed = Some(ClosedLoopSpec {
-        stroke_volume_ml,
+        stroke_volume_ml: measured.unwrap_or(EJECTION_FRACTION * end_diastolic_volume_ml),
         venous_share: None,
         rest: None,
-        filling: None,
+        filling,
+        contents: None,
     });
     Ok(())
 }
@@ -158,7 +166,10 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
         CirculationKind::Open => BeatCount::Fixed {
             n: ventricle.plan.settings.solver.beats,
         },
-        CirculationKind::Closed => PERIODIC,
+        CirculationKind::Closed => match ventricle.passive.organ {
+            OrganSpec::FiniteElement(_) => PERIODIC_IN_3D,
+            OrganSpec::Reduced { .. } | OrganSpec::External(_) => PERIODIC,
+        },
     });
     let simulated_as = match (args.of_step, args.cell) {
         (Some(of_step), _) => of_step,
@@ -408,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_closes_around_the_reduced_ventricle_only() {
+    fn a_loop_has_the_measured_output_or_that_of_a_usual_ejection_fraction() {
         let passive = |sv: serde_json::Value| -> PassiveStateResult {
             let spec = serde_json::to_value(spec()).unwrap();
             serde_json::from_value(serde_json::json!({

@@ -104,7 +104,7 @@ pub struct Circulation {
     /// other.
     pub(super) links: Vec<Link>,
     /// Paths whose blood has inertia: they are prepared before a step, and their flow is a state.
-    inertial: Vec<usize>,
+    pub(super) inertial: Vec<usize>,
     pub(super) now: CirculationState,
     /// Trial flows of the last evaluation, one per path.
     pub(super) trial: Vec<f64>,
@@ -255,7 +255,7 @@ impl Circulation {
         idx
     }
 
-    fn path(&self, idx: usize) -> &dyn FlowPath {
+    pub(super) fn path(&self, idx: usize) -> &dyn FlowPath {
         match idx.checked_sub(self.connections.len()) {
             None => self.connections[idx].path.as_ref(),
             Some(link) => self.links[link].path.as_ref(),

@@ -117,6 +117,18 @@ pub enum CirculationError {
         /// Number of paths of this circulation.
         expected_paths: usize,
     },
+    /// Contents belong to another loop, or the circuit is open.
+    #[error(
+        "contents of {} are not those of this circulation, which holds {}",
+        found.join(", "),
+        expected.join(", ")
+    )]
+    ForeignContents {
+        /// Names of the given compartments and paths.
+        found: Vec<String>,
+        /// Names of those of this circulation.
+        expected: Vec<String>,
+    },
 }
 
 /// Checks that a parameter is positive and finite.

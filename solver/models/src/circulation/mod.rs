@@ -16,6 +16,7 @@ pub mod atrium;
 mod circuit;
 pub mod closed_loop;
 mod component;
+mod contents;
 mod coupled;
 pub mod elastance;
 pub mod estimate;

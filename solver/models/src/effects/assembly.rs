@@ -76,6 +76,29 @@ fn check(effects: &[EffectSetting]) -> Result<(), EffectError> {
     Ok(())
 }
 
+/// The circuit around a left heart before its effects: the open one, or the loop.
+///
+/// # Errors
+/// [`EffectError::NoPart`] for an effect on a part that a loop does not have, and parameters outside the
+/// range of the circuit.
+pub(super) fn circuit(
+    heart: &LeftHeart,
+    closed: Option<&ClosedLoop>,
+    effects: &[EffectSetting],
+) -> Result<Circulation, EffectError> {
+    let Some(closed) = closed else {
+        return Ok(heart.build()?);
+    };
+    let is_on = |name: &str| effects.iter().any(|e| e.effect.name == name && !e.is_off());
+    match OPEN_CIRCUIT_EFFECTS
+        .into_iter()
+        .find(|(name, _)| is_on(name))
+    {
+        Some((effect, part)) => Err(EffectError::NoPart { effect, part }),
+        None => Ok(closed.build()?),
+    }
+}
+
 /// Adds to a circulation the effects that act on it. Effects of the ventricle and of the
 /// measurement are ignored.
 ///
@@ -105,20 +128,7 @@ pub fn assemble(base: BaseModel, effects: &[EffectSetting]) -> Result<Assembled,
         heart: base.heart,
         onset: base.activation.onset,
     };
-    let mut circulation = match &base.closed {
-        None => base.heart.build()?,
-        Some(closed) => {
-            for (effect, part) in OPEN_CIRCUIT_EFFECTS {
-                if effects
-                    .iter()
-                    .any(|e| e.effect.name == effect && !e.is_off())
-                {
-                    return Err(EffectError::NoPart { effect, part });
-                }
-            }
-            closed.build()?
-        }
-    };
+    let mut circulation = circuit(&base.heart, base.closed.as_ref(), effects)?;
     add_to_circulation(&mut circulation, &surroundings, effects)?;
     // After the effects, which may replace valves.
     for (valve, inertance) in [MITRAL_VALVE, AORTIC_VALVE].iter().zip(base.inertances) {

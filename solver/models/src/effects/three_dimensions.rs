@@ -1,9 +1,9 @@
 //! Transfer of effects to a finite-element ventricle, as each declares it ([`InThreeDimensions`]).
 
-use super::assembly::add_to_circulation;
+use super::assembly::{add_to_circulation, circuit};
 use super::declaration::{Action, InThreeDimensions, OneFibreParts};
 use super::{EffectError, EffectSetting, Surroundings};
-use crate::circulation::Circulation;
+use crate::circulation::{Circulation, ClosedLoop};
 use crate::ventricle::{ActivationGroups, CavityPressureTerm, GroupContraction, OneFibrePassive};
 
 /// A part of the wall with late activation.
@@ -45,18 +45,19 @@ pub struct InThreeDimensionsParts {
 
 /// Circulation, contraction and wall of a finite-element ventricle with any effects.
 ///
+/// - `closed`: the loop around the left heart; `None` for the open circuit
 /// - `reference`: a one-fibre ventricle with the same end-diastolic and wall volumes, which effects
 ///   use
 ///
 /// # Errors
 /// [`EffectError::NotInThreeDimensions`] with the reason, and the errors of [`super::assemble`].
 pub fn in_three_dimensions(
-    surroundings: &Surroundings,
+    (surroundings, closed): (&Surroundings, Option<&ClosedLoop>),
     reference: OneFibrePassive,
     contraction: GroupContraction,
     effects: &[EffectSetting],
 ) -> Result<InThreeDimensionsParts, EffectError> {
-    let mut circulation = surroundings.heart.build()?;
+    let mut circulation = circuit(&surroundings.heart, closed, effects)?;
     add_to_circulation(&mut circulation, surroundings, effects)?;
     let groups = ActivationGroups::new(vec![surroundings.onset.0], vec![1.0])?;
     let mut parts = OneFibreParts {
@@ -152,7 +153,7 @@ mod tests {
         let law =
             OneFibrePassive::through(Ml(70.0), Ml(120.0), Mmhg(9.0), Ml(100.0), 9.24).unwrap();
         let contraction = GroupContraction::tanh(Tanh::new(TanhParameters::default()).unwrap());
-        in_three_dimensions(&surroundings(), law, contraction, effects)
+        in_three_dimensions((&surroundings(), None), law, contraction, effects)
     }
 
     #[test]

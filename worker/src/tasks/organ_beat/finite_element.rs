@@ -25,8 +25,11 @@ use cardiotwin_schemas::outcome::Ending;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use cardiotwin_units::{Ml, Mmhg, Ms};
 
+use super::circuit::{fill, loop_state};
 use super::late_sector::LateSector;
-use super::models::{contraction, effects, has_calcium, heart as left_heart, settings};
+use super::models::{
+    closed_loop, contraction, effects, has_calcium, heart as left_heart, settings,
+};
 use super::potentials;
 use super::result::{Seen, ending};
 use crate::call::Call;
@@ -86,6 +89,7 @@ pub(super) fn run(
         followed,
         drawn,
     } = assemble(spec, organ, context)?;
+    fill(spec, ventricle.volume(), &mut circulation)?;
     let seconds_setup = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
     let length = spec.cycle_length_ms;
@@ -315,6 +319,12 @@ pub(super) fn run(
         let samples = means.samples(&result.traces, length, &of_nodes[1], fields);
         law = Some(samples.map_err(not_kept)?);
     }
+    let closed = match &outcome {
+        BeatOutcome::Finished(result) => {
+            loop_state(&result.traces, ventricle.volume(), &circulation)
+        }
+        BeatOutcome::Diverged { .. } => None,
+    };
     // The rest involves only rank 0, so the other ranks need not wait for it.
     drop(ventricle);
     if let BeatOutcome::Finished(result) = &outcome {
@@ -346,7 +356,7 @@ pub(super) fn run(
             lambda_min,
             motion: motion.as_ref(),
             law: law.as_ref(),
-            closed: None,
+            closed,
         },
         context,
     )
@@ -502,7 +512,9 @@ fn effected(
     };
     let contraction = contraction(spec, &CellSolverSettings::default())?;
     let effects = effects(&spec.circulation.effects)?;
-    let parts = in_three_dimensions(&surroundings, reference, contraction, &effects)?;
+    let closed = closed_loop(spec, figures.onset_ms);
+    let around = (&surroundings, closed.as_ref());
+    let parts = in_three_dimensions(around, reference, contraction, &effects)?;
     let (found, expected) = (about.effects_exponent_factor, parts.exponent_factor);
     if found != expected {
         return Err(FiniteElementError::Exponents { found, expected }.into());

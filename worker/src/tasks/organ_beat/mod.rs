@@ -48,8 +48,8 @@ pub(crate) fn serve(spec: &OrganBeatSpec, about: &About, team: &Team) -> Result<
 /// written.
 pub fn run(spec: &OrganBeatSpec, context: &mut Context) -> Result<Ending, TaskError> {
     context.check_stop()?;
-    let is_reduced = matches!(spec.organ, OrganSpec::Reduced { .. });
-    if spec.circulation.closed.is_some() && !is_reduced {
+    let is_external = matches!(spec.organ, OrganSpec::External(_));
+    if spec.circulation.closed.is_some() && is_external {
         return Err(TaskError::ClosedLoop);
     }
     match &spec.organ {

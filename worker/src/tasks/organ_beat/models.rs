@@ -124,8 +124,8 @@ pub(super) fn heart(spec: &OrganBeatSpec) -> LeftHeart {
     }
 }
 
-/// The loop that closes the circulation behind the reduced ventricle, if the specification has one.
-fn closed_loop(spec: &OrganBeatSpec, onset_ms: f64) -> Option<ClosedLoop> {
+/// The loop that closes the circulation behind the ventricle, if the specification has one.
+pub(super) fn closed_loop(spec: &OrganBeatSpec, onset_ms: f64) -> Option<ClosedLoop> {
     let closed = spec.circulation.closed.as_ref()?;
     let left = heart(spec);
     let stroke_volume = Ml(closed.stroke_volume_ml);

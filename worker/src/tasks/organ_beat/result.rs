@@ -23,7 +23,7 @@ use crate::nodal::{self, number};
 const PERIODIC_CHANGE: f64 = 0.1;
 
 /// Observations of a beat besides its traces.
-#[derive(Debug, Default, Clone, Copy)]
+#[derive(Debug, Default, Clone)]
 pub(super) struct Seen<'a> {
     /// Smallest stretch of any node, if the traces do not include the nodes.
     pub(super) lambda_min: Option<f64>,

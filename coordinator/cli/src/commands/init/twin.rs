@@ -13,16 +13,10 @@ use cardiotwin_schemas::task::{PassiveStateSpec, TaskSpec};
 use serde::Serialize;
 
 use crate::error::CliError;
-use crate::ventricle::{AskedFor, ask_worker, describe, unexpected};
+use crate::ventricle::{AskedFor, PERIODIC, ask_worker, describe, unexpected};
 
 /// Share by which an estimate is changed to see how much it matters.
 pub const SHARE: f64 = 0.2;
-/// Beats to the periodic state, and its tolerance (mmHg and mL).
-const PERIODIC: BeatCount = BeatCount::Periodic {
-    max: 100,
-    tolerance: 0.05,
-};
-
 /// The twin of step 1, and what an error of each estimate does to it.
 #[derive(Debug, Serialize)]
 pub struct Twin {

@@ -10,7 +10,7 @@ use cardiotwin_schemas::posterior::PosteriorResult;
 use cardiotwin_schemas::task::OrganBeatSpec;
 
 use super::change::Change;
-use super::circuit::{Both, Simulated, TwinsLoop, both};
+use super::circuit::{Both, Simulated, TwinsLoop, Ventricles, both};
 use super::indices::{Traces, changes, indices};
 use crate::error::CliError;
 use crate::ventricle::AskedFor;
@@ -97,7 +97,7 @@ pub fn of(
             let draw = twin.with_parameters(&posterior.draw(at));
             // A change that is valid for the twin is valid for its draws, because their values have
             // the same signs.
-            let both = match both(&draw, made, closed, asked, worker) {
+            let both = match both(&draw, made, closed, Ventricles::only(asked, worker)) {
                 Ok(both) if whole(&both) => both,
                 Ok(_) | Err(CliError::Simulation { .. } | CliError::Usage(_)) => return Ok(None),
                 Err(error) => return Err(error),

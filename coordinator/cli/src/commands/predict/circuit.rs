@@ -12,7 +12,7 @@ use super::beat::simulate;
 use super::change::{Change, Changed};
 use super::indices::Traces;
 use crate::error::CliError;
-use crate::ventricle::{AskedFor, unexpected};
+use crate::ventricle::{AskedFor, PERIODIC, unexpected};
 
 /// Share of the body's resistance between veins and right atrium: ours, of the order of Guyton's
 /// resistance to venous return (1957, Am J Physiol 189:609), 1.4 of some 20 mmHg·min/L, to which arteries
@@ -40,6 +40,64 @@ pub struct Both {
     pub cycle_length_after_ms: f64,
 }
 
+/// Ventricles in which beats are simulated.
+#[derive(Debug, Clone, Copy)]
+pub struct Ventricles<'a> {
+    /// The one whose beats are shown.
+    pub shown: AskedFor<'a>,
+    /// The one in which the periodic beat of a loop is searched, where that is another.
+    pub searched: Option<AskedFor<'a>>,
+    pub worker: &'a Path,
+}
+
+impl<'a> Ventricles<'a> {
+    /// One ventricle for everything.
+    pub fn only(shown: AskedFor<'a>, worker: &'a Path) -> Self {
+        Self {
+            shown,
+            searched: None,
+            worker,
+        }
+    }
+
+    /// Blood volume of a beat's loop, from the periodic beat.
+    fn blood_volume_ml(&self, beat: &OrganBeatSpec) -> Result<f64, CliError> {
+        let searched = Self::only(self.searched.unwrap_or(self.shown), self.worker);
+        let periodic = OrganBeatSpec {
+            beats: PERIODIC,
+            ..beat.clone()
+        };
+        let (_, state) = searched.in_loop(&periodic)?;
+        Ok(state.blood_volume_ml)
+    }
+
+    /// Simulates a beat in a loop, and returns the loop's state next to it.
+    ///
+    /// The periodic beat is found in the searched ventricle. The shown one starts from there, with the
+    /// same blood: a loop forgets its start over dozens of beats, too many for a 3D ventricle.
+    fn in_loop(&self, beat: &OrganBeatSpec) -> Result<(Simulated, LoopState), CliError> {
+        let periodic = OrganBeatSpec {
+            beats: PERIODIC,
+            ..beat.clone()
+        };
+        let (searched, first) = match self.searched {
+            Some(searched) => (searched, &periodic),
+            None => (self.shown, beat),
+        };
+        let found = simulate(first, searched, self.worker)?;
+        let state = (found.0.closed_loop.clone()).ok_or_else(|| unexpected(self.worker))?;
+        if self.searched.is_none() {
+            return Ok((found, state));
+        }
+        let volume_ml = state.blood_volume_ml;
+        let mut shown = filled(beat, LoopFilling::BloodVolume { volume_ml });
+        if let Some(closed) = &mut shown.circulation.closed {
+            closed.contents = Some(state.contents.clone());
+        }
+        Ok((simulate(&shown, self.shown, self.worker)?, state))
+    }
+}
+
 impl TwinsLoop {
     /// The loop around a twin; the reason why there is none otherwise.
     ///
@@ -49,10 +107,13 @@ impl TwinsLoop {
         (own, traces): (&OrganBeatResult, &Traces),
         in_3d: bool,
     ) -> Result<Self, String> {
-        if in_3d && !matches!(beat.organ, OrganSpec::Reduced { .. }) {
-            return Err("the loop surrounds the law and the one-fibre ventricle only".to_owned());
+        let is_in_3d = in_3d && !matches!(beat.organ, OrganSpec::Reduced { .. });
+        if is_in_3d && matches!(beat.organ, OrganSpec::External(_)) {
+            return Err(
+                "the loop does not surround the ventricle of an external solver".to_owned(),
+            );
         }
-        if let BeatCount::Fixed { .. } = beat.beats {
+        if let (BeatCount::Fixed { .. }, false) = (beat.beats, is_in_3d) {
             return Err(
                 "the loop's blood volume is found with the periodic beat, not after --beats"
                     .to_owned(),
@@ -92,6 +153,7 @@ impl TwinsLoop {
             filling: Some(LoopFilling::EndDiastolicVolume {
                 volume_ml: self.end_diastolic_volume_ml,
             }),
+            contents: None,
         });
         closed
     }
@@ -117,8 +179,7 @@ pub fn both(
     twin: &OrganBeatSpec,
     changes: &[Change],
     closed: Option<&TwinsLoop>,
-    asked: AskedFor<'_>,
-    worker: &Path,
+    ventricles: Ventricles<'_>,
 ) -> Result<Both, CliError> {
     let before = closed.map_or_else(|| twin.clone(), |closed| closed.close(twin));
     let mut after = before.clone();
@@ -127,25 +188,24 @@ pub fn both(
         .map(|change| change.make(&mut after))
         .collect::<Result<Vec<_>, _>>()
         .map_err(CliError::Usage)?;
-    let beat_before = simulate(&before, asked, worker)?;
-    if closed.is_some() {
-        let state = |(result, _): &Simulated| result.closed_loop.ok_or_else(|| unexpected(worker));
-        let LoopState {
-            mut blood_volume_ml,
-            mean_left_atrial_pressure_mmhg: mean,
-        } = state(&beat_before)?;
+    let (beat_before, beat_after) = if closed.is_some() {
+        let (beat_before, at_rest) = ventricles.in_loop(&before)?;
         let [from, to] = [&before, &after].map(|beat| beat.circulation.left_atrial_pressure_mmhg);
+        let mut volume_ml = at_rest.blood_volume_ml;
         if from != to {
-            let mean_mmhg = mean * (to / from);
+            let mean_mmhg = at_rest.mean_left_atrial_pressure_mmhg * (to / from);
             let more = filled(&before, LoopFilling::LeftAtrialPressure { mean_mmhg });
-            blood_volume_ml = state(&simulate(&more, asked, worker)?)?.blood_volume_ml;
+            volume_ml = ventricles.blood_volume_ml(&more)?;
         }
-        let volume_ml = blood_volume_ml;
         after = filled(&after, LoopFilling::BloodVolume { volume_ml });
-    }
+        (beat_before, ventricles.in_loop(&after)?.0)
+    } else {
+        let simulated = |beat| simulate(beat, ventricles.shown, ventricles.worker);
+        (simulated(&before)?, simulated(&after)?)
+    };
     Ok(Both {
         before: beat_before,
-        after: simulate(&after, asked, worker)?,
+        after: beat_after,
         made,
         cycle_length_after_ms: after.cycle_length_ms,
     })

@@ -25,7 +25,7 @@ use serde::Serialize;
 
 use self::bands::Bands;
 use self::change::{Change, Changed};
-use self::circuit::{Both, TwinsLoop, both};
+use self::circuit::{Both, TwinsLoop, Ventricles, both};
 use self::indices::{Traces, changes, indices, value_of};
 use self::known::{Formulations, LEARNT};
 use self::law_file::LawKnowledgeFile;
@@ -36,19 +36,7 @@ use crate::open::open as open_in_viewer;
 use crate::place::{Folders, OfCohort};
 use crate::table::{Columns, optional, percent};
 use crate::talk::Talk;
-use crate::ventricle::{AskedFor, CirculationKind, Ventricle};
-
-/// Most beats to the periodic state of a reduced ventricle, and the tolerance (mmHg and mL) at
-/// which a beat counts as periodic.
-pub const PERIODIC: BeatCount = BeatCount::Periodic {
-    max: 100,
-    tolerance: 0.05,
-};
-/// The same for a finite-element ventricle, whose beats take seconds to minutes.
-const PERIODIC_IN_3D: BeatCount = BeatCount::Periodic {
-    max: 10,
-    tolerance: 0.5,
-};
+use crate::ventricle::{AskedFor, CirculationKind, PERIODIC, PERIODIC_IN_3D, Ventricle};
 
 /// Predict the effect of changed loads, pacing, cell or valves on a personalised twin
 #[derive(Debug, Args)]
@@ -239,7 +227,12 @@ fn predict(
     let patient = ventricle.plan.id.to_string();
     let (own, own_traces) = ventricle.twin()?;
     let beats = (&twin, own, &Traces::of(&own_traces));
-    let simulated = in_circuit(args, &patient, beats, changes, asked, worker)?;
+    let ventricles = Ventricles {
+        shown: asked,
+        searched: (asked != reduced).then_some(reduced),
+        worker,
+    };
+    let simulated = in_circuit(args, &patient, beats, changes, ventricles)?;
     let (circuit, both, mut remarks) = simulated;
     let (result_before, traces_before) = &both.before;
     let (result_after, traces_after) = &both.after;
@@ -364,8 +357,7 @@ fn in_circuit(
     patient: &str,
     (twin, own, traces): (&OrganBeatSpec, &OrganBeatResult, &Traces),
     changes: &[Change],
-    asked: AskedFor<'_>,
-    worker: &Path,
+    ventricles: Ventricles<'_>,
 ) -> Result<(Option<TwinsLoop>, Both, Vec<String>), CliError> {
     let named = |error: CliError| match error {
         CliError::Usage(problem) => CliError::Usage(format!("{patient}: {problem}")),
@@ -375,7 +367,7 @@ fn in_circuit(
     let mut remarks = Vec::new();
     if args.circulation == CirculationKind::Closed {
         let reason = match TwinsLoop::around(twin, (own, traces), args.in_3d) {
-            Ok(closed) => match both(twin, changes, Some(&closed), asked, worker) {
+            Ok(closed) => match both(twin, changes, Some(&closed), ventricles) {
                 Ok(both) if both.are_periodic() || !is_one_of_many => {
                     return Ok((Some(closed), both, remarks));
                 }
@@ -395,7 +387,7 @@ fn in_circuit(
             "predicted in the open circuit, in which filling does not follow the change: {reason}"
         ));
     }
-    let both = both(twin, changes, None, asked, worker).map_err(named)?;
+    let both = both(twin, changes, None, ventricles).map_err(named)?;
     Ok((None, both, remarks))
 }
 
