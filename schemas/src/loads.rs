@@ -58,7 +58,7 @@ pub struct ClosedLoopSpec {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub filling: Option<LoopFilling>,
     /// Contents of the loop at the beginning of a 3D beat. Where they are absent the worker takes those
-    /// of the periodic beat of a one-fibre ventricle.
+    /// of the periodic beat in the organ's law of the program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contents: Option<LoopContents>,
 }

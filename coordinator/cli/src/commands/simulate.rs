@@ -15,6 +15,8 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::commands::predict::circuit::{Ventricles, beginning_at};
+use crate::commands::predict::law_file::LawKnowledgeFile;
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::place::OfCohort;
@@ -84,8 +86,8 @@ pub struct SimulateArgs {
 /// Stroke volume over end-diastolic volume at the start of a loop, if no stroke volume is measured.
 const EJECTION_FRACTION: f64 = 0.6;
 
-/// Closes the circulation. A 3D ventricle starts from the periodic beat of a one-fibre ventricle, whose
-/// loop has the blood with which it fills to the same end-diastolic volume.
+/// Closes the circulation. A 3D ventricle starts from the periodic beat in its law, whose loop has the blood
+/// with which it fills to the same end-diastolic volume.
 fn close(spec: &mut OrganBeatSpec, passive: &PassiveStateResult) -> Result<(), CliError> {
     let (end_diastolic_volume_ml, filling) = match &spec.organ {
         OrganSpec::Reduced { passive, .. } => (passive.end_diastolic_volume_ml, None),
@@ -111,6 +113,10 @@ fn close(spec: &mut OrganBeatSpec, passive: &PassiveStateResult) -> Result<(), C
         contents: None,
     });
     Ok(())
+}
+
+fn is_finite_element(organ: &OrganSpec) -> bool {
+    matches!(organ, OrganSpec::FiniteElement(_))
 }
 
 /// Origin of the simulated parameters.
@@ -201,7 +207,14 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
     if args.circulation == CirculationKind::Closed {
         close(&mut spec, &ventricle.passive)?;
     }
-    let spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
+    let mut spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
+    if let (Some(_), Some(law)) = (
+        &spec.circulation.closed,
+        LawKnowledgeFile::of(&ventricle)?.filter(|_| is_finite_element(&spec.organ)),
+    ) {
+        let in_law = Ventricles::only(LawKnowledgeFile::asked(Some(&law)), &worker);
+        spec = beginning_at(&spec, &in_law.periodic_state(&spec)?);
+    }
     let scratch =
         tempfile::tempdir().map_err(CliError::file("create a folder in", std::env::temp_dir()))?;
     let out = args

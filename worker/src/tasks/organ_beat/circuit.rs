@@ -19,7 +19,7 @@ use cardiotwin_units::{Ml, Mmhg, Ms};
 use super::models::{ReducedOrgan, reduced, settings};
 use super::result::Seen;
 use crate::error::TaskError;
-use crate::tasks::proposal::one_fibre;
+use crate::tasks::proposal::surrogate;
 
 /// Largest change over a beat (mL, mmHg, mL/s, kPa), and largest distance from the filling's target (mL
 /// or mmHg), at which a search ends: well below the change that counts as periodic, since volumes of a
@@ -84,7 +84,7 @@ pub(super) fn loop_state(
 }
 
 /// Fills the loop around a 3D ventricle at the beginning of its beats: with the given contents, or with
-/// those of the periodic beat of a one-fibre ventricle. Where the blood volume is given, the lungs' veins
+/// those of the periodic beat in the law of the prior. Where the blood volume is given, the lungs' veins
 /// get what the cavity has less than the ventricle of the contents: the next filling takes it from there.
 ///
 /// - `cavity`: volume of the 3D ventricle at the beginning
@@ -102,7 +102,8 @@ pub(super) fn fill(
     let contents = match (&closed.contents, closed.filling) {
         (Some(contents), _) => Some(contents.clone()),
         (None, Some(filling)) => {
-            let organ = one_fibre(&spec.organ)?;
+            // The law of the prior, since beats of the organ are not part of the specification.
+            let organ = surrogate(spec, Some(&[]), None)?;
             let spec = OrganBeatSpec {
                 finite_element: None,
                 ..spec.clone()

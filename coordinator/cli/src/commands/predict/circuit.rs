@@ -60,15 +60,18 @@ impl<'a> Ventricles<'a> {
         }
     }
 
-    /// Blood volume of a beat's loop, from the periodic beat.
-    fn blood_volume_ml(&self, beat: &OrganBeatSpec) -> Result<f64, CliError> {
-        let searched = Self::only(self.searched.unwrap_or(self.shown), self.worker);
+    /// State of a beat's loop in the periodic beat.
+    pub fn periodic_state(&self, beat: &OrganBeatSpec) -> Result<LoopState, CliError> {
         let periodic = OrganBeatSpec {
             beats: PERIODIC,
             ..beat.clone()
         };
-        let (_, state) = searched.in_loop(&periodic)?;
-        Ok(state.blood_volume_ml)
+        let ventricle = self.searched.unwrap_or(self.shown);
+        self.state(&simulate(&periodic, ventricle, self.worker)?)
+    }
+
+    fn state(&self, (result, _): &Simulated) -> Result<LoopState, CliError> {
+        (result.closed_loop.clone()).ok_or_else(|| unexpected(self.worker))
     }
 
     /// Simulates a beat in a loop, and returns the loop's state next to it.
@@ -76,26 +79,25 @@ impl<'a> Ventricles<'a> {
     /// The periodic beat is found in the searched ventricle. The shown one starts from there, with the
     /// same blood: a loop forgets its start over dozens of beats, too many for a 3D ventricle.
     fn in_loop(&self, beat: &OrganBeatSpec) -> Result<(Simulated, LoopState), CliError> {
-        let periodic = OrganBeatSpec {
-            beats: PERIODIC,
-            ..beat.clone()
-        };
-        let (searched, first) = match self.searched {
-            Some(searched) => (searched, &periodic),
-            None => (self.shown, beat),
-        };
-        let found = simulate(first, searched, self.worker)?;
-        let state = (found.0.closed_loop.clone()).ok_or_else(|| unexpected(self.worker))?;
         if self.searched.is_none() {
+            let found = simulate(beat, self.shown, self.worker)?;
+            let state = self.state(&found)?;
             return Ok((found, state));
         }
-        let volume_ml = state.blood_volume_ml;
-        let mut shown = filled(beat, LoopFilling::BloodVolume { volume_ml });
-        if let Some(closed) = &mut shown.circulation.closed {
-            closed.contents = Some(state.contents.clone());
-        }
+        let state = self.periodic_state(beat)?;
+        let shown = beginning_at(beat, &state);
         Ok((simulate(&shown, self.shown, self.worker)?, state))
     }
+}
+
+/// A beat that begins at a state of its loop.
+pub fn beginning_at(beat: &OrganBeatSpec, state: &LoopState) -> OrganBeatSpec {
+    let volume_ml = state.blood_volume_ml;
+    let mut beat = filled(beat, LoopFilling::BloodVolume { volume_ml });
+    if let Some(closed) = &mut beat.circulation.closed {
+        closed.contents = Some(state.contents.clone());
+    }
+    beat
 }
 
 impl TwinsLoop {
@@ -195,7 +197,7 @@ pub fn both(
         if from != to {
             let mean_mmhg = at_rest.mean_left_atrial_pressure_mmhg * (to / from);
             let more = filled(&before, LoopFilling::LeftAtrialPressure { mean_mmhg });
-            volume_ml = ventricles.blood_volume_ml(&more)?;
+            volume_ml = ventricles.periodic_state(&more)?.blood_volume_ml;
         }
         after = filled(&after, LoopFilling::BloodVolume { volume_ml });
         (beat_before, ventricles.in_loop(&after)?.0)

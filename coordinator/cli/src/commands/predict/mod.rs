@@ -3,7 +3,7 @@
 mod bands;
 pub mod beat;
 mod change;
-mod circuit;
+pub mod circuit;
 mod curve;
 pub mod indices;
 mod known;
