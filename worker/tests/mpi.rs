@@ -15,7 +15,9 @@ use std::time::{Duration, Instant};
 use cardiotwin_schemas::finite_element::FiniteElementSettings;
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::ids::AttemptId;
-use cardiotwin_schemas::organ::{BeatCount, ContractionSpec, OrganSpec, Step1Parameters};
+use cardiotwin_schemas::organ::{
+    BeatCount, ClosedLoopSpec, ContractionSpec, OrganSpec, Step1Parameters,
+};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult, TaskOutcome, TaskResult};
 use cardiotwin_schemas::task::{AttemptSpec, OrganBeatSpec, PassiveStateSpec, TaskSpec};
 use cardiotwin_worker::checkpoint::Checkpoints;
@@ -285,11 +287,20 @@ fn so_many_subdomains_give_the_same_bits_on_any_number_of_ranks(
         subdomains: 8,
         ..FiniteElementSettings::default()
     };
-    let task = &TaskSpec::OrganBeat(Box::new(OrganBeatSpec {
+    let mut spec = OrganBeatSpec {
         time_step_ms: 10.0,
         finite_element: Some(settings.equations()),
         ..spec.clone()
-    }));
+    };
+    // In a closed loop, whose compartments rank 0 solves together with the ventricle.
+    spec.circulation.closed = Some(ClosedLoopSpec {
+        stroke_volume_ml: 100.0,
+        venous_share: None,
+        rest: None,
+        filling: None,
+        contents: None,
+    });
+    let task = &TaskSpec::OrganBeat(Box::new(spec));
     let by_threads = folder.join("eight-threads");
     fs::create_dir(&by_threads).expect("a folder");
     // The setting decides, not the number of threads.

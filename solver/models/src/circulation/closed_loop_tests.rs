@@ -127,3 +127,51 @@ proptest! {
         prop_assert!(here.slope_ml_per_s_per_mmhg <= 0.0);
     }
 }
+
+#[test]
+fn another_loop_goes_on_from_contents() {
+    let step = |circuit: &mut Circulation, t_ms: f64| {
+        circuit.try_step(cavity(t_ms), Ms(1.0)).unwrap();
+        circuit.commit();
+    };
+    let mut first = adult().build().unwrap();
+    (1..=800).for_each(|ms| step(&mut first, f64::from(ms)));
+    let contents = first.contents().unwrap();
+    let mut second = adult().build().unwrap();
+    second.begin_with(&contents).unwrap();
+    assert_eq!(second.contents().unwrap(), contents);
+    // A beat later both agree, although the second one counts its time from zero.
+    for ms in 1..=800 {
+        step(&mut first, f64::from(800 + ms));
+        step(&mut second, f64::from(ms));
+    }
+    let [a, b] = [&first, &second].map(|circuit| circuit.contents().unwrap());
+    for (name, volume_ml) in &a.volumes_ml {
+        let other = b.volumes_ml[name];
+        assert!(
+            (volume_ml - other).abs() < 1e-9,
+            "{name}: {volume_ml} {other}"
+        );
+    }
+    let before = second.volume().unwrap().0;
+    assert!(second.add_blood(PULMONARY_VEINS, Ml(-3.0)));
+    assert!((second.volume().unwrap().0 - (before - 3.0)).abs() < 1e-9);
+}
+
+#[test]
+fn contents_of_another_circuit_are_refused_with_their_names() {
+    let mut circuit = adult().build().unwrap();
+    let mut contents = circuit.contents().unwrap();
+    let mut open = LeftHeart::of_an_adult(Mmhg(8.0), CYCLE).build().unwrap();
+    assert!(open.contents().is_none() && !open.add_blood(AORTA, Ml(1.0)));
+    assert!(open.begin_with(&contents).is_err());
+    let volume_ml = contents.volumes_ml.remove(SYSTEMIC_VEINS).unwrap();
+    contents
+        .volumes_ml
+        .insert("vena_cava".to_owned(), volume_ml);
+    let refused = circuit.begin_with(&contents).unwrap_err().to_string();
+    assert!(
+        refused.contains("vena_cava") && refused.contains(SYSTEMIC_VEINS),
+        "{refused}"
+    );
+}
