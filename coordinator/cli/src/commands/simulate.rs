@@ -46,8 +46,8 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "N|periodic", value_parser = beats)]
     beats: Option<BeatCount>,
     /// Circulation: `open`, an atrium at constant pressure and a Windkessel, or `closed`, a loop through
-    /// body, right heart and lungs to an atrium that contracts (reduced ventricle only; periodic unless
-    /// --beats is given)
+    /// body, right heart and lungs to an atrium that contracts (not for external solvers; periodic
+    /// unless --beats is given)
     #[arg(long, value_enum, default_value_t = CirculationKind::Open)]
     circulation: CirculationKind,
     /// Parameters to simulate with: those of the twin, of step 2's cell as in the verification beat, or

@@ -68,7 +68,7 @@ pub struct PredictArgs {
     #[arg(long)]
     in_3d: bool,
     /// Circuit: `open`, an atrium at constant pressure and a Windkessel, or `closed`, a loop with the
-    /// twin's blood volume, in which filling follows the change (law and one-fibre ventricle only)
+    /// twin's blood volume, in which filling follows the change (not for external solvers)
     #[arg(long, value_enum, hide_possible_values = true, value_name = "open|closed",
           default_value_t = CirculationKind::Open)]
     circulation: CirculationKind,
