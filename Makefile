@@ -130,14 +130,16 @@ second-cohort: build ## make twenty patients of another formulation, on whom not
 BANDS := $(TARGET)/learn-bands
 # Hearts of these seeds are kept apart: bands are judged on hearts of another.
 BANDS_COHORTS := 20261201=16 20271104=8
-learn-bands: build ## learn how far changes of predict miss those of hearts of other formulations: writes solver/calibrate/src/formulations.json
+learn-bands: build ## learn how far changes of predict miss those of hearts of other formulations, reduced and in the law: writes solver/calibrate/src/formulations.json
 	$(CARGO) build $(DEV) --example changed-loads
-	folders=; for cohort in $(BANDS_COHORTS); do \
-	  seed=$${cohort%=*}; folder=$(BANDS)/$$seed; folders=$$folders$${folders:+,}$$folder; \
-	  test -e $$folder/truth.json || $(BIN)/examples/changed-loads make $$folder --seed $$seed --hearts $${cohort#*=} || exit 1; \
-	  $(BIN)/cardiotwin run $$folder --fidelity reduced || [ $$? = 7 ] || exit 1; \
-	done; \
-	$(BIN)/examples/changed-loads learn "$$folders" solver/calibrate/src/formulations.json --bands no --sizes learnt --cardiotwin $(BIN)/cardiotwin
+	for fidelity in reduced finite-element; do \
+	  folders=; for cohort in $(BANDS_COHORTS); do \
+	    seed=$${cohort%=*}; folder=$(BANDS)/$$fidelity/$$seed; folders=$$folders$${folders:+,}$$folder; \
+	    test -e $$folder/truth.json || $(BIN)/examples/changed-loads make $$folder --seed $$seed --hearts $${cohort#*=} || exit 1; \
+	    $(BIN)/cardiotwin run $$folder --fidelity $$fidelity || [ $$? = 7 ] || exit 1; \
+	  done; \
+	  $(BIN)/examples/changed-loads learn "$$folders" solver/calibrate/src/formulations.json --bands no --sizes learnt --cardiotwin $(BIN)/cardiotwin || exit 1; \
+	done
 
 RECORDS := examples/afterload
 afterload: build ## fit and search the measured records of examples/afterload; draws the pictures of docs/afterload.md

@@ -55,7 +55,21 @@ fn table(of: &[Answers]) -> Table {
     }
 }
 
-/// Learns from the cohorts in some folders, and writes the discrepancies.
+/// Discrepancies of other ventricles that the file has already.
+fn of_other_ventricles(file: &Path, learnt: &[Cohort]) -> Result<Discrepancies, String> {
+    if !file.exists() {
+        return Ok(Discrepancies::default());
+    }
+    let text = std::fs::read_to_string(file).map_err(|e| format!("{}: {e}", file.display()))?;
+    let mut kept: Discrepancies =
+        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", file.display()))?;
+    let is_other = |ventricle: &str| learnt.iter().all(|cohort| cohort.ventricle != ventricle);
+    kept.hearts.retain(|cohort| is_other(&cohort.ventricle));
+    kept.tables.retain(|table| is_other(&table.ventricle));
+    Ok(kept)
+}
+
+/// Learns from the cohorts in some folders, and writes the discrepancies. Those of other ventricles stay.
 pub fn learn(folders: &[PathBuf], into: &Path, asked: &Asked) -> Result<(), String> {
     let mut by_table: BTreeMap<(String, String), Vec<Answers>> = BTreeMap::new();
     let mut hearts: Vec<Cohort> = Vec::new();
@@ -75,13 +89,8 @@ pub fn learn(folders: &[PathBuf], into: &Path, asked: &Asked) -> Result<(), Stri
             by_table.entry(of_table).or_default().push(answers);
         }
     }
-    let tables = by_table.values().map(|of| table(of));
-    let learnt = Discrepancies {
-        command: "make learn-bands (changed-loads learn)".to_owned(),
-        hearts,
-        tables: tables.collect(),
-    };
-    for table in &learnt.tables {
+    let tables: Vec<Table> = by_table.values().map(|of| table(of)).collect();
+    for table in &tables {
         let Table {
             ventricle,
             circulation,
@@ -90,6 +99,10 @@ pub fn learn(folders: &[PathBuf], into: &Path, asked: &Asked) -> Result<(), Stri
         } = table;
         println!("{ventricle}, {circulation}: {n_twins} twins");
     }
+    let mut learnt = of_other_ventricles(into, &hearts)?;
+    learnt.command = "make learn-bands (changed-loads learn)".to_owned();
+    learnt.hearts.extend(hearts);
+    learnt.tables.extend(tables);
     let text = serde_json::to_string_pretty(&learnt).map_err(|e| e.to_string())?;
     folder::put(into, &(text + "\n"))
 }
