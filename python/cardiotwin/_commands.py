@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from cardiotwin._changes import Change
 from cardiotwin._errors import UsageError, without_folder
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 Folder = str | os.PathLike[str]
+
+Circulation = Literal["open", "closed"]
+"""An atrium at constant pressure and a Windkessel, or a loop whose blood goes round."""
 
 
 @dataclass(frozen=True)
@@ -116,13 +119,14 @@ def simulate(
     cohort: Folder = ".",
     set: Mapping[str, Change] | None = None,
     beats: int | str | None = None,
+    circulation: Circulation = "open",
     cell: bool = False,
     contraction: str | None = None,
     run_dir: Folder | None = None,
 ) -> Simulation:
     """One simulation of a patient's organ, outside of any run (``cardiotwin simulate``)."""
     arguments = ["simulate", patient, "--json", *_of(cohort, run_dir), *_assignments(set)]
-    arguments += _options({"--beats": beats, "--contraction": contraction})
+    arguments += _options({"--beats": beats, "--circulation": circulation, "--contraction": contraction})
     arguments += ["--cell"] if cell else []
     return Simulation(call_json(*arguments, accept=(0, 1)))
 
@@ -133,6 +137,7 @@ def predict(
     set: Mapping[str, Change],
     cohort: Folder = ".",
     beats: int | None = None,
+    circulation: Circulation = "open",
     in_3d: bool = False,
     band: bool = True,
     run_dir: Folder | None = None,
@@ -140,7 +145,7 @@ def predict(
     """The effect of a treatment on a twin (``cardiotwin predict``). Values are numbers, or shares such as
     ``"-20 %"``. `Twin.predict` does the same with short names."""
     arguments = ["predict", patient, "--json", *_of(cohort, run_dir), *_assignments(set)]
-    arguments += _options({"--beats": beats})
+    arguments += _options({"--beats": beats, "--circulation": circulation})
     arguments += ["--in-3d"] if in_3d else []
     arguments += [] if band else ["--no-band"]
     with tempfile.TemporaryDirectory(prefix="cardiotwin-") as out:

@@ -108,6 +108,11 @@ class Prediction(HelpfulAttributes, Mapping[str, Predicted]):
         return bool(self.answer["periodic"])
 
     @property
+    def circulation(self) -> str:
+        """Circuit of both beats, `open` or `closed`."""
+        return str(self.answer["circulation"])
+
+    @property
     def band_covers(self) -> str:
         """What the 90 % intervals cover, in one sentence; empty without intervals."""
         return str(self.answer["band_covers"] or "")

@@ -100,6 +100,7 @@ class Twin(HelpfulAttributes):
         /,
         *,
         beats: int | None = None,
+        circulation: _commands.Circulation = "open",
         in_3d: bool = False,
         band: bool = True,
         **quantities: Change,
@@ -108,8 +109,8 @@ class Twin(HelpfulAttributes):
 
         A quantity is one of `parameters`, as a value in its unit or as a share of the twin's value with its
         sign. For shares the unit may be left out of the name, and ``resistance`` is the peripheral one.
-        ``beats`` fixes their number, ``in_3d`` simulates the run's 3D ventricle, ``band`` adds intervals from
-        the posterior. Raises `UsageError` for a quantity that cannot be changed, with the reason.
+        ``beats`` fixes their number, in a ``closed`` circulation filling follows the change, ``in_3d`` simulates
+        the run's 3D ventricle, ``band`` adds intervals from the posterior. Raises `UsageError` for a quantity that cannot be changed, with the reason.
         """
         asked = full_names(_both(changes, quantities), self.parameters)
         if not asked:
@@ -118,6 +119,7 @@ class Twin(HelpfulAttributes):
             self.name,
             set=asked,
             beats=beats,
+            circulation=circulation,
             in_3d=in_3d,
             band=band,
             cohort=self.patient.place.cohort,
@@ -130,6 +132,7 @@ class Twin(HelpfulAttributes):
         /,
         *,
         beats: int | str | None = None,
+        circulation: _commands.Circulation = "open",
         **quantities: Change,
     ) -> Simulation:
         """The twin's beat in the run's ventricle, with other values of quantities where some are given
@@ -143,6 +146,7 @@ class Twin(HelpfulAttributes):
             self.name,
             set={**own, **asked},
             beats=beats,
+            circulation=circulation,
             cell=True,
             cohort=self.patient.place.cohort,
             run_dir=self.patient.place.run_dir,

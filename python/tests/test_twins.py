@@ -79,6 +79,14 @@ def test_a_prediction_has_values_bands_and_traces(twin: cardiotwin.Twin, folder:
     assert any("force-frequency" in remark for remark in quick.remarks)
 
 
+def test_filling_follows_a_change_in_the_loop(twin: cardiotwin.Twin) -> None:
+    loop, circuit = (twin.predict(resistance="-20 %", circulation=kind, band=False) for kind in ("closed", "open"))
+    assert (loop.circulation, circuit.circulation) == ("closed", "open")
+    assert loop.periodic and loop["EDV_mL"].relative_change != pytest.approx(circuit["EDV_mL"].relative_change)
+    beat = twin.beat(circulation="closed")
+    assert beat.answer["result"]["closed_loop"]["blood_volume_mL"] > beat.biomarkers["EDV_mL"]
+
+
 def test_changes_are_refused_with_the_reason(twin: cardiotwin.Twin) -> None:
     for changes, words in (
         ({"resistance": 0.8}, r"needs its unit, peripheral_resistance_mmHg_s_per_mL=0.8"),
