@@ -174,6 +174,8 @@ formats! {
     PREDICTION { "prediction", 1, "`cardiotwin predict --json`", "coordinator", "people's programs", "" }
     /// Elastance of twins.
     ELASTANCE { "elastance", 1, "`cardiotwin elastance --json`", "coordinator", "people's programs", "" }
+    /// Costs of a run's jobs.
+    JOB_COSTS { "costs of jobs", 1, "`cardiotwin jobs --json`", "coordinator", "people's programs", "" }
     /// Tables and traces of a patient.
     PATIENT_TABLES { "patient's tables", 1, "`cardiotwin show --tables`", "coordinator", "people's programs", "" }
     /// Result of one simulation.

@@ -118,6 +118,7 @@ const OF_COMMANDS: [(&[&str], &[Exit]); 14] = [
             "status",
             "dashboard",
             "show",
+            "jobs",
             "logs",
             "compare",
             "report",

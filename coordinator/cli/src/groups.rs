@@ -20,6 +20,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
             "dashboard",
             "show",
             "explain",
+            "jobs",
             "logs",
             "compare",
             "report",

@@ -43,8 +43,9 @@ pub use exit::Exit;
 
 use commands::{
     advance, backup, cancel, check, compare, completions, config, dashboard, discover, doctor,
-    drive, elastance, explain, export, fit, housekeeping, init, logs, man, mesh, plan, predict,
-    prepare, report, rerun, retry, run, schemas, show, simulate, status, sweep, verify, version,
+    drive, elastance, explain, export, fit, housekeeping, init, jobs, logs, man, mesh, plan,
+    predict, prepare, report, rerun, retry, run, schemas, show, simulate, status, sweep, verify,
+    version,
 };
 use logging::LogFormat;
 use talk::{ColourChoice, Talk};
@@ -93,6 +94,7 @@ enum Command {
     Dashboard(dashboard::DashboardArgs),
     Show(show::ShowArgs),
     Explain(explain::ExplainArgs),
+    Jobs(jobs::JobsArgs),
     Logs(logs::LogsArgs),
     Rerun(rerun::RerunArgs),
     Retry(retry::RetryArgs),
@@ -192,6 +194,7 @@ async fn execute(command: &Command, talk: &Talk) -> Result<Exit, CliError> {
         Command::Dashboard(args) => dashboard::execute(args, talk).await,
         Command::Show(args) => show::execute(args, talk).await,
         Command::Explain(args) => explain::execute(args, talk).await,
+        Command::Jobs(args) => jobs::execute(args, talk).await,
         Command::Logs(args) => logs::execute(args, talk).await,
         Command::Rerun(args) => rerun::execute(args, talk).await,
         Command::Retry(args) => retry::execute(args, talk).await,

@@ -71,14 +71,14 @@ pub use cardiotwin_store::file_system::shared as shared_file_system;
 pub use cardiotwin_store::lock::{LockError, LockHolder};
 pub use cardiotwin_store::seen;
 pub use cardiotwin_store::{
-    AttemptRecord, Chosen, EventRecord, JobRecord, LeafChange, MemberRecord, Pace, Reader,
-    StepExplanation, StoreError, leaf_changes,
+    AttemptRecord, Chosen, ElementCost, EventRecord, JobCosts, JobRecord, LeafChange, MemberRecord,
+    Pace, Reader, StepExplanation, StoreError, leaf_changes,
 };
 pub use cardiotwin_store::{back_up, try_locks};
 pub use cardiotwin_workflow::cell_fit::contraction;
 pub use cluster::{
-    DiskNeed, NoQueue, PlannedRow, PlannedRun, QueueReport, SiteReport, examine_site, load_site,
-    preview, without_queue,
+    DiskNeed, JobUsage, NoQueue, PlannedRow, PlannedRun, QueueReport, SiteReport, examine_site,
+    load_site, preview, usage_of, without_queue,
 };
 pub use error::EngineError;
 pub use events::{EngineEvent, EventSender, PatientEnding, RunSummary};

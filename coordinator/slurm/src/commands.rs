@@ -1,7 +1,7 @@
 //! Slurm's commands as programs with arguments. The caller sets [`ENVIRONMENT`], gives each command
 //! a time limit, and passes its output to [`crate::answers`].
 
-use crate::answers::{accounting as sacct, qos as sacctmgr, queue as squeue};
+use crate::answers::{accounting as sacct, qos as sacctmgr, queue as squeue, usage as sacct_usage};
 use crate::job::{JobId, JobName};
 
 /// Variables set for every command: times in seconds since 1970 (a local time has no zone) and
@@ -117,6 +117,24 @@ pub fn accounting(names: &[JobName], since_s: i64) -> Command {
     }
 }
 
+/// Asks what jobs of these names used since the first intent (`since_s`, seconds since 1970). Unlike
+/// [`accounting`] it lists steps, too: Slurm 22.05 gives a job no processor time with `--allocations`.
+#[must_use]
+pub fn usage(names: &[JobName], since_s: i64) -> Command {
+    let names: Vec<&str> = names.iter().map(JobName::as_str).collect();
+    Command::new(
+        "sacct",
+        [
+            "--duplicates".to_owned(),
+            "--parsable".to_owned(),
+            "--noconvert".to_owned(),
+            format!("--starttime=uts{}", since_s.max(0)),
+            format!("--format={}", sacct_usage::COLUMNS),
+            format!("--name={}", names.join(",")),
+        ],
+    )
+}
+
 /// Cancels jobs by number. With `--quiet`, an ended job is no error of scancel.
 #[must_use]
 pub fn cancel(jobs: &[JobId]) -> Command {
@@ -171,7 +189,7 @@ pub fn associations(user: &str) -> Command {
 
 #[cfg(test)]
 mod tests {
-    use super::{accounting, is_removed, queue, without_effect};
+    use super::{accounting, is_removed, queue, usage, without_effect};
 
     /// A changed command requires its answers to be recorded again (tests/recorded/record.sh).
     #[test]
@@ -196,6 +214,12 @@ mod tests {
             recorded("sacct-ended")
         );
         assert!(recorded("sacct-ended").contains(&accounting(&[], 0).arguments[..4].join(" ")));
+        let used = usage(&[], 0).arguments;
+        let recorded = recorded("sacct-usage");
+        assert!(
+            recorded.contains(&used[..3].join(" ")) && recorded.ends_with(&used[4]),
+            "{recorded}"
+        );
     }
 
     #[test]

@@ -23,6 +23,7 @@ pub mod file_system;
 mod foreign;
 #[cfg(test)]
 mod golden;
+mod job_costs;
 pub mod lease;
 pub mod lock;
 pub mod notable;
@@ -53,6 +54,7 @@ pub use cluster_jobs::JobRecord;
 pub use creation::Pass;
 pub use database::{DATABASE_FILE, SNAPSHOT_FILE};
 pub use error::StoreError;
+pub use job_costs::{ElementCost, JobCosts};
 pub use notable::Notable;
 pub use open::back_up;
 pub use pace::Pace;

@@ -22,8 +22,9 @@ use tokio::sync::Mutex;
 
 use super::before::{self, Was};
 use super::chosen::{CHOSEN, Chosen};
-use super::cluster_jobs::{self, Allotment, ClusterReport, JobRecord, REPORT};
+use super::cluster_jobs::{self, Allotment, ClusterReport, JobRecord, JobRow, REPORT};
 use super::database::{DATABASE_FILE, SNAPSHOT_FILE, VERSION};
+use super::job_costs::{self, JobCosts};
 use super::notable::Notable;
 use super::open::ReadOnly;
 use super::pace::{self, Pace};
@@ -234,15 +235,37 @@ impl Reader {
 
     /// State of the cluster; `None` if the run never used one.
     async fn cluster(&self, now_ms: i64) -> Result<Option<ClusterStatus>, StoreError> {
-        let Ok(report) = serde_json::from_str::<ClusterReport>(&self.meta(REPORT).await?) else {
+        let Some(report) = self.cluster_report().await? else {
             return Ok(None);
         };
-        let mut jobs = Vec::new();
-        for row in self.rows(cluster_jobs::SELECT_ALL, None).await? {
-            jobs.push(writer::job_row(&row)?);
-        }
-        let names = self.names().await?;
+        let (jobs, names) = (self.job_rows().await?, self.names().await?);
         Ok(Some(cluster_jobs::status(&report, &jobs, &names, now_ms)))
+    }
+
+    /// Costs of all jobs; `None` if the run never used a cluster.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn job_costs(&self) -> Result<Option<JobCosts>, StoreError> {
+        let Some(report) = self.cluster_report().await? else {
+            return Ok(None);
+        };
+        let (jobs, names) = (self.job_rows().await?, self.names().await?);
+        Ok(Some(job_costs::costs(
+            &report,
+            &jobs,
+            &names,
+            clock::now_ms(),
+        )))
+    }
+
+    async fn cluster_report(&self) -> Result<Option<ClusterReport>, StoreError> {
+        Ok(serde_json::from_str(&self.meta(REPORT).await?).ok())
+    }
+
+    async fn job_rows(&self) -> Result<Vec<JobRow>, StoreError> {
+        let rows = self.rows(cluster_jobs::SELECT_ALL, None).await?;
+        rows.iter().map(writer::job_row).collect()
     }
 
     /// Pseudonyms of all patients, by row id.
@@ -495,11 +518,7 @@ impl Reader {
     /// As [`Reader::patient_record`].
     pub async fn jobs(&self, patient: &PatientId) -> Result<(Vec<JobRecord>, String), StoreError> {
         let id = self.find(patient).await?.id;
-        let rows = self.rows(cluster_jobs::SELECT_ALL, None).await?;
-        let jobs = rows
-            .iter()
-            .map(writer::job_row)
-            .collect::<Result<Vec<_>, _>>()?;
+        let jobs = self.job_rows().await?;
         let mut why = String::new();
         for row in self.rows(cluster_jobs::SELECT_ALLOTMENTS, None).await? {
             if row.get::<i64, _>(0) == id {

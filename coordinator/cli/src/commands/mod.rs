@@ -18,6 +18,7 @@ pub mod export;
 pub mod fit;
 pub mod housekeeping;
 pub mod init;
+pub mod jobs;
 pub mod logs;
 pub mod man;
 pub mod mesh;

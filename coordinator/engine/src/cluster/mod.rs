@@ -26,6 +26,7 @@ mod profile;
 mod resources;
 #[cfg(test)]
 mod tests;
+mod usage;
 mod waiting;
 
 use std::collections::BTreeSet;
@@ -60,6 +61,7 @@ pub use examine::{QueueReport, SiteReport, examine_site};
 pub use preview::{PlannedRow, PlannedRun, preview};
 pub use profile::load_site;
 pub use resources::{NoQueue, without_queue};
+pub use usage::{JobUsage, usage_of};
 
 /// A run whose tasks are jobs of a cluster: the state of its decisions, and what looks and acts for
 /// them.

@@ -12,6 +12,7 @@ pub mod queue;
 #[path = "../../tests/recorded/read.rs"]
 pub(crate) mod recorded;
 pub mod submit;
+pub mod usage;
 
 /// End of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -90,6 +90,11 @@ settled
 sleep 4
 record squeue-ended "${queue[@]}"
 record sacct-ended "${accounting[@]}"
+printf '#!/bin/bash\ntimeout 12 sh -c "while :; do :; done"\nsrun -n 1 timeout 6 sh -c "while :; do :; done"\nexit 0\n' >busy.sh
+job ct-busy --partition=main --ntasks=2 busy.sh
+settled
+sleep 4
+record sacct-usage sacct --duplicates --parsable --noconvert --starttime=now-2days --format=JobID,JobIDRaw,ElapsedRaw,AllocCPUS,TotalCPU,ConsumedEnergyRaw,JobName
 record squeue-unknown-id squeue --noheader --jobs=987654
 record sacct-unknown-id "${accounting[@]}" --jobs=987654
 
