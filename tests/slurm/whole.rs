@@ -70,7 +70,33 @@ pub fn a_cohort_is_done_after_one_wait_in_the_queue(cluster: &Cluster) {
     assert_eq!(there.code, 7, "{there:?}");
     let compared = cohort.call(&["compare", "run", "here"]);
     assert_eq!(compared.code, 0, "{compared:?}");
-    assert!(cohort.status()["cluster"]["node_hours"].as_f64().is_some());
+    the_costs_of_jobs_add_up(&cohort, patients.len());
+}
+
+/// By job and by patient: node-hours as `status` counts them, and the efficiency that sacct knows.
+fn the_costs_of_jobs_add_up(cohort: &Cohort, n_patients: usize) {
+    let spent = cohort.status()["cluster"]["node_hours"].as_f64();
+    let spent = spent.expect("node-hours");
+    for by in [&["jobs", "--json"][..], &["jobs", "--json", "--by-patient"]] {
+        let said = cohort.call(by);
+        assert_eq!(said.code, 0, "{said:?}");
+        let answer: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
+        let rows = answer["jobs"].as_array().expect("rows");
+        assert_eq!(rows.len(), n_patients, "{answer:#}");
+        let hours: f64 = rows
+            .iter()
+            .filter_map(|row| row["node_hours"].as_f64())
+            .sum();
+        assert!(
+            (hours - spent).abs() < 1e-9 && spent > 0.0,
+            "{hours} of {spent}"
+        );
+        for row in rows {
+            let efficiency = row["efficiency"].as_f64().expect("sacct knows it");
+            assert!((0.02..1.2).contains(&efficiency), "{answer:#}");
+            assert!(row["ran_s"].as_f64() > Some(0.0) && row["waited_s"].as_f64() >= Some(0.0));
+        }
+    }
 }
 
 pub fn a_tick_takes_two_commands(cluster: &Cluster) {
