@@ -6,6 +6,14 @@ are computed in this process. Names carry their units (``pressure_mmHg``).
 
 from typing import TYPE_CHECKING
 
+try:
+    from cardiotwin import _native as _native
+except ImportError as error:
+    raise ImportError(
+        f"{__path__[0]} has no compiled part: it is a folder of sources. Leave this folder and install the package: "
+        "`make wheel` in the repository, then `pip install dist/cardiotwin-*.whl` (docs/python.md)"
+    ) from error
+
 from cardiotwin._cohort import Cohort
 from cardiotwin._commands import Discovery, Sensitivity, Simulation, discover, predict, simulate, sweep
 from cardiotwin._errors import (

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import cardiotwin
 import numpy as np
@@ -100,3 +104,9 @@ def test_forked_processes_have_threads_of_their_own() -> None:
     here = [maximum(stress) for stress in stresses]
     with multiprocessing.get_context("fork").Pool(2) as pool:
         assert pool.map(maximum, stresses) == here
+
+
+def test_sources_without_the_compiled_part_say_what_to_do(tmp_path: Path) -> None:
+    shutil.copytree(Path(__file__).parents[1] / "cardiotwin", tmp_path / "cardiotwin")
+    done = subprocess.run([sys.executable, "-c", "import cardiotwin"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode != 0 and "no compiled part" in done.stderr and "make wheel" in done.stderr

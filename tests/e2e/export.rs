@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::support::Cohort;
+use super::support::{Cohort, cardiotwin};
 
 fn lines(file: &Path) -> Vec<String> {
     let text =
@@ -277,6 +277,28 @@ fn an_edited_file_is_found_by_verify_and_left_out_by_export() {
 
     std::fs::write(&traces, text).unwrap();
     std::fs::write(&input, measured).unwrap();
-    cohort.call(&["verify"]).expect(0);
+    let said = cohort.call(&["verify"]).expect(0);
+    said.complains_of(&["not checked", "models/*/model.toml"]);
     cohort.call(&["export"]).expect(0);
+
+    // A copy of cohort and run is checked against its own files.
+    let elsewhere = tempfile::tempdir().unwrap();
+    let copy = elsewhere.path().join("copy");
+    let copied = std::process::Command::new("cp")
+        .args(["-r".as_ref(), cohort.path().as_os_str(), copy.as_os_str()])
+        .status();
+    assert!(copied.unwrap().success());
+    std::fs::write(&input, "0,0\n").unwrap();
+    let said = cardiotwin(&copy, &["verify"]).expect(0);
+    said.complains_of(&["the cohort's files are those in", "/copy;"]);
+    let own = copy.join("patients/01-CoA/pressure.csv");
+    std::fs::write(&own, "0,0\n").unwrap();
+    let said = cardiotwin(&copy, &["verify", "--json"]).expect(1);
+    assert!(
+        said.out.contains("copy/patients/01-CoA/pressure.csv"),
+        "{}",
+        said.out
+    );
+    let said = cardiotwin(&copy, &["export"]).expect(1);
+    said.complains_of(&["copy/patients/01-CoA/pressure.csv was changed"]);
 }

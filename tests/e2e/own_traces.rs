@@ -279,6 +279,29 @@ fn bad_traces_leave_nothing_behind() {
         let left: Vec<_> = fs::read_dir(folder.path()).unwrap().flatten().collect();
         assert_eq!(left.len(), 1, "{name}: only the file itself");
     }
+    // The user's file is named, not the place where the cohort was tried.
+    let small = text(&|r| format!("{},{},{}", r[0], r[1] / 7.50062, r[2]));
+    let (folder, _) = file("small.csv", &format!("t (s),LVP (kPa),LVV (mL)\n{small}"));
+    let call = [
+        "init",
+        "mine",
+        "--from",
+        "small.csv",
+        "--pressure-unit",
+        "mmHg",
+    ];
+    let said = cardiotwin(folder.path(), &call).expect(3);
+    assert!(
+        said.err.contains("small.csv: pressure_mmHg: found a peak"),
+        "{}",
+        said.err
+    );
+    assert!(!said.err.contains("/tmp"), "{}", said.err);
+    let alone = text(&|r| format!("{},{}", r[0], r[1]));
+    let (folder, _) = file("pressure.csv", &format!("time_s,pressure_mmHg\n{alone}"));
+    cardiotwin(folder.path(), &["init", "mine", "--from", "pressure.csv"])
+        .expect(3)
+        .complains_of(&["cardiotwin init DIR", "patients/P001", "volume.csv"]);
     let (folder, _) = file("good.csv", &fs::read_to_string(EXAMPLE).unwrap());
     fs::create_dir(folder.path().join("mine")).unwrap();
     fs::write(folder.path().join("mine/notes.txt"), "mine").unwrap();

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use cardiotwin_report::export::export;
+use cardiotwin_schemas::record::{Step3Ending, Step3Summary};
 use serde_json::Value;
 
 use crate::fixture;
@@ -63,20 +64,57 @@ fn tables_as_json_hold_what_the_csv_holds() {
 }
 
 #[test]
+fn step_3_has_rows_of_biomarkers_and_columns_of_parameters() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut run = fixture::cohort(folder.path());
+    let [cell, valve] = ["n_TRPN", "R_AV_f_mmHg_s_per_mL"];
+    run.patients[0].step3 = Some(Step3Summary {
+        ending: Step3Ending::WithinUncertainty,
+        best_iteration: 0,
+        misfit: 3.0,
+        parameters: [(cell.to_owned(), 2.5), (valve.to_owned(), 0.0125)].into(),
+    });
+    let out = folder.path().join("export");
+    export(&run, &out, false).unwrap();
+    let json = |name: &str| -> Value { serde_json::from_str(&text(&out, name)).unwrap() };
+    let biomarkers = json("table_2.json");
+    let of = |kind: &str| biomarkers["rows"]["01-CoA"][kind]["SV_mL"].clone();
+    assert_eq!(
+        of("step3"),
+        of("step2"),
+        "the verification beat was the best"
+    );
+    assert!(of("step3").is_number());
+    assert!(of("step3_difference_percent").is_number());
+    assert_eq!(
+        biomarkers["n"]["step3"]["SV_mL"], 1,
+        "others have no step 3"
+    );
+    let table = json("table_A7.json");
+    assert_eq!(table["rows"]["01-CoA"]["n_TRPN_twin"], 2.5);
+    let other = &table["rows"]["02-CoA"];
+    assert_eq!(other["n_TRPN_twin"], other["n_TRPN"], "step 3 left it");
+    assert_eq!(
+        json("table_A6.json")["rows"]["01-CoA"][format!("{valve}_twin")],
+        0.0125
+    );
+}
+
+#[test]
 fn traces_are_long_and_tidy() {
     let (_folder, out) = exported();
     let csv = text(&out, "traces.csv");
     let mut lines = csv.lines();
     assert_eq!(
         lines.next(),
-        Some("patient,source,signal,time_ms,value,unit")
+        Some("patient,source,signal,time_ms,value,unit,clock")
     );
-    assert!(csv.lines().all(|l| l.split(',').count() == 6));
+    assert!(csv.lines().all(|l| l.split(',').count() == 7));
     let mut kinds: Vec<String> = Vec::new();
     for line in lines {
         let c: Vec<&str> = line.split(',').collect();
         if c[0] == "01-CoA" {
-            let kind = format!("{} {} {}", c[1], c[2], c[5]);
+            let kind = format!("{} {} {} since {}", c[1], c[2], c[5], c[6]);
             if kinds.last() != Some(&kind) {
                 kinds.push(kind);
             }
@@ -88,7 +126,7 @@ fn traces_are_long_and_tidy() {
     }
     insta::assert_snapshot!("signals", kinds.join("\n"));
     assert!(
-        csv.contains("\n01-CoA,measured,pressure,0,7.016,mmHg\n"),
+        csv.contains("\n01-CoA,measured,pressure,0,7.016,mmHg,beat\n"),
         "the measured trace as it was measured"
     );
 }

@@ -11,6 +11,7 @@ use cardiotwin_sweep::discovery::overlay::OverlayError;
 
 use super::exit::Exit;
 use super::mesh_error::{MeshFileCommandError, MmgError};
+use super::talk::count;
 
 /// Error that ends a command.
 #[derive(Debug, thiserror::Error)]
@@ -40,10 +41,10 @@ pub enum CliError {
         errors: String,
     },
     /// A trace has errors, which were printed one by one.
-    #[error("{errors} in the trace; nothing was fitted")]
+    #[error("{} in the traces; nothing was fitted", count(*n_errors, "error"))]
     Trace {
-        /// Number of errors in words.
-        errors: String,
+        /// Number of errors.
+        n_errors: usize,
     },
     /// Recordings have errors, which were printed one by one.
     #[error("{errors} in the recordings; nothing was written")]

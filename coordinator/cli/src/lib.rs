@@ -14,6 +14,7 @@ mod groups;
 mod kept;
 mod logging;
 mod mesh_error;
+mod misplaced;
 mod notices;
 mod open;
 mod place;
@@ -129,7 +130,15 @@ pub fn command() -> clap::Command {
 #[must_use]
 pub fn main() -> ExitCode {
     completion::answer(|| completion::with_completers(command()));
-    let given = command().get_matches();
+    let given = command().try_get_matches().unwrap_or_else(|error| {
+        let hint = misplaced::hint(&error, &Cli::command(), std::env::args().skip(1));
+        // Nobody reads what cannot be printed.
+        let _ = error.print();
+        if let Some(hint) = hint {
+            Talk::new(ColourChoice::Auto, false).hint(&hint);
+        }
+        std::process::exit(error.exit_code())
+    });
     let cli = Cli::from_arg_matches(&given).unwrap_or_else(|error| error.exit());
     let talk = Talk::new(cli.global.color, cli.global.quiet);
     logging::start(

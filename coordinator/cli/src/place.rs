@@ -47,6 +47,18 @@ pub const DATABASE: &str = "cardiotwin.db";
 /// File by which a cohort's folder is recognised.
 const COHORT: &str = "cohort.toml";
 
+/// The folder of a cohort that was named by its folder or by its `cohort.toml`.
+#[must_use]
+pub fn cohort_folder(named: &Path) -> &Path {
+    match named.parent() {
+        Some(folder) if named.ends_with(COHORT) && named.is_file() => match folder.as_os_str() {
+            at if at.is_empty() => Path::new("."),
+            _ => folder,
+        },
+        _ => named,
+    }
+}
+
 /// Whether a folder is a cohort's.
 #[must_use]
 pub fn is_cohort(folder: &Path) -> bool {
@@ -58,6 +70,7 @@ impl Folders {
     /// no `cohort.toml`; otherwise it is a cohort.
     #[must_use]
     pub fn of(folder: &Path, run_dir: Option<&Path>) -> Self {
+        let folder = cohort_folder(folder);
         let is_run = folder.join(DATABASE).exists() && !folder.join(COHORT).exists();
         match run_dir {
             Some(run) => Self {
@@ -80,13 +93,23 @@ impl Folders {
         }
     }
 
-    /// Takes the cohort that the run remembers, where only the run was named and that folder is a cohort still.
+    /// Takes the cohort in whose folder the run lies, or else the one that the run remembers, where
+    /// only the run was named and that folder is a cohort.
     ///
     /// # Errors
     /// Errors of the store.
     pub async fn find_cohort(&mut self) -> Result<(), CliError> {
         if self.cohort.is_none() {
-            let cohort = Reader::open(&self.run).await?.cohort_dir().await?;
+            let run = std::path::absolute(&self.run).unwrap_or_else(|_| self.run.clone());
+            let around = run.parent().filter(|folder| is_cohort(folder));
+            let reader = Reader::open(&self.run).await?;
+            let remembered = reader.cohort_dir().await?;
+            // A relative path was one of another call's directory.
+            let cohort = match (reader.moved_cohort().await?, around) {
+                (Some(moved), _) => moved.is,
+                (None, Some(folder)) if remembered.is_relative() => folder.to_owned(),
+                _ => remembered,
+            };
             self.cohort = is_cohort(&cohort).then_some(cohort);
         }
         Ok(())
@@ -173,6 +196,9 @@ mod tests {
                 run: cohort.join("run")
             }
         );
+        std::fs::write(cohort.join("cohort.toml"), "").unwrap();
+        let file = cohort.join("cohort.toml");
+        assert_eq!(Folders::of(&file, None), of_cohort, "named by its file");
         let of_run = Folders::of(&cohort.join("run"), None);
         assert_eq!(
             of_run,

@@ -23,7 +23,7 @@ const columns = [
   { key: "step", title: "step", value: (row) => row.step, cell: (row) => row.step },
   { key: "state", title: "state", value: (row) => STATES[row.state].rank, cell: (row) => [row.state, STATES[row.state].tone] },
   {
-    key: "iteration", title: "iter.", right: true, value: (row) => (row.iteration ? row.iteration[0] : null),
+    key: "iteration", title: "step-1 iter.", right: true, value: (row) => (row.iteration ? row.iteration[0] : null),
     cell: (row) => (row.iteration ? `${row.iteration[0]}/${row.iteration[1]}` : "-"),
   },
   { key: "cost", title: "cost", right: true, value: cost, cell: (row) => number(cost(row)) },
@@ -167,7 +167,9 @@ export function outlook() {
   let basis = "";
   const { cluster, estimate } = run;
   if (cluster) {
-    parts.push(`${cluster.node_hours.toFixed(2)} node-hours so far, about ${cluster.node_hours_left.toFixed(2)} to come`);
+    const left = cluster.node_hours_left;
+    const toCome = left <= 0 ? "" : left < 0.005 ? ", less than 0.01 to come" : `, about ${left.toFixed(2)} to come`;
+    parts.push(`${cluster.node_hours.toFixed(2)} node-hours so far${toCome}`);
   }
   const end = estimate ? estimate.end_ms : cluster?.expected_end ? Date.parse(cluster.expected_end) : NaN;
   if (Number.isFinite(end) && !isOver()) {

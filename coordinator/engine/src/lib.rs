@@ -91,7 +91,7 @@ pub use programs::first_line;
 pub use settings::first_stage;
 pub use stop::{StopLevel, StopSignal};
 pub use surroundings::Surroundings;
-pub use verify::{FileState, VerifiedFile, verify};
+pub use verify::{FileState, Verified, VerifiedFile, verify};
 
 /// Options of a run.
 #[derive(Debug, Clone)]

@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use cardiotwin_schemas::hash::sha256_of_file;
-use cardiotwin_store::{Reader, StoreError, StoredFile};
+use cardiotwin_store::{MovedCohort, Reader, StoreError, StoredFile};
 use serde::Serialize;
 
 /// Whether a file is as it was stored.
@@ -55,13 +55,26 @@ pub struct VerifiedFile {
     pub why: Option<String>,
 }
 
+/// What was compared.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Verified {
+    /// Every file whose hash is stored.
+    pub files: Vec<VerifiedFile>,
+    /// Where the cohort's files were read, if not in the folder that the run read.
+    pub moved: Option<MovedCohort>,
+}
+
 /// Compares every file whose hash is stored, next to a running coordinator, too.
 ///
 /// # Errors
 /// [`StoreError`] if the database cannot be read. A file that cannot be read is a result.
-pub async fn verify(run_dir: &Path) -> Result<Vec<VerifiedFile>, StoreError> {
-    let files = Reader::open(run_dir).await?.stored_files().await?;
-    Ok(files.into_iter().map(compared).collect())
+pub async fn verify(run_dir: &Path) -> Result<Verified, StoreError> {
+    let reader = Reader::open(run_dir).await?;
+    let files = reader.stored_files().await?;
+    Ok(Verified {
+        files: files.into_iter().map(compared).collect(),
+        moved: reader.moved_cohort().await?,
+    })
 }
 
 fn compared(file: StoredFile) -> VerifiedFile {

@@ -117,13 +117,19 @@ impl Document {
     /// Parses `text` as the content of `file`.
     pub fn parse(file: &Path, text: &str, patient: Option<&str>, report: &mut Report) -> Self {
         let lines = Lines::of(text);
-        let (table, mut errors) = DeTable::parse_recoverable(text);
+        let (_, errors) = DeTable::parse_recoverable(text);
         let sound = errors.is_empty();
+        let mut numbers = text.to_owned();
+        for unit in errors.iter().filter_map(|error| Unit::of(text, error)) {
+            report.add(patient, unit.problem(file, &lines));
+            numbers.replace_range(unit.at.clone(), &" ".repeat(unit.at.len()));
+        }
+        let (table, mut errors) = DeTable::parse_recoverable(&numbers);
         errors.sort_by_key(|error| error.span().map_or(0, |span| span.start));
         for error in errors {
             let is_duplicate = error.message() == "duplicate key";
             let named = error.span().filter(|_| is_duplicate);
-            let named = named.map_or_else(String::new, |span| format!(" `{}`", &text[span]));
+            let named = named.map_or_else(String::new, |span| format!(" `{}`", &numbers[span]));
             let found = format!("a syntax error: {}{named}", error.message());
             let remedy = if is_duplicate {
                 "a table or key can stand only once: move these lines to where it stands already"
@@ -212,6 +218,46 @@ impl<'a> Lines<'a> {
             line,
             column: 1 + before.map_or(0, |text| text.chars().count()),
         }
+    }
+}
+
+/// A unit that was written after a number, as in `95 mL`.
+struct Unit<'a> {
+    /// Place of the value in the text.
+    value: std::ops::Range<usize>,
+    /// Place of the unit and the blanks before it.
+    at: std::ops::Range<usize>,
+    text: &'a str,
+}
+
+impl<'a> Unit<'a> {
+    /// The unit in the line of a syntax error.
+    fn of(text: &'a str, error: &toml::de::Error) -> Option<Self> {
+        let at = error.span()?.start;
+        let begin = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
+        let line = text[begin..].lines().next()?.split('#').next()?;
+        let (key, value) = line.split_once('=')?;
+        let blanks = value.len() - value.trim_start().len();
+        let value = value.trim();
+        let begin = begin + key.len() + 1 + blanks;
+        let is_of_number = |c: char| c.is_ascii_digit() || "+-.eE_".contains(c);
+        let n = value.find(|c| !is_of_number(c))?;
+        let is_of_unit = |c: char| c.is_alphanumeric() || " µμ%·*/^-⁵".contains(c);
+        let is_unit = value[n..].chars().all(is_of_unit);
+        let number = value[..n].parse::<f64>().ok()?;
+        (is_unit && number.is_finite()).then_some(Self {
+            value: begin..begin + value.len(),
+            at: begin + n..begin + value.len(),
+            text,
+        })
+    }
+
+    fn problem(&self, file: &Path, lines: &Lines<'_>) -> Problem {
+        let number = &self.text[self.value.start..self.at.start];
+        let found = format!("`{}`", &self.text[self.value.clone()]);
+        let remedy = format!("write {number} alone, in the unit of the key's name");
+        Problem::error(file, found, "a number without a unit", remedy)
+            .at(Some(lines.position_of(self.value.start)))
     }
 }
 

@@ -16,6 +16,33 @@ use super::report::Report;
 /// Longest pseudonym. It appears in tables, in paths and, on a cluster, in job names.
 const LONGEST_ID: usize = 64;
 
+/// Unit of resistances.
+const RESISTANCE: &str = "mmHg s/mL";
+/// One mmHg s/mL in dyn s/cm⁵, the unit of many laboratories: 1 mmHg is 1333.22 dyn/cm².
+const DYN_S_PER_CM5: f64 = 1333.22;
+
+/// Keys of the Windkessel with the possible values and their unit.
+const AFTERLOAD: [(&str, [f64; 2], &str); 3] = [
+    (
+        "characteristic_resistance_mmHg_s_per_mL",
+        [0.0, 10.0],
+        RESISTANCE,
+    ),
+    (
+        "peripheral_resistance_mmHg_s_per_mL",
+        [0.01, 100.0],
+        RESISTANCE,
+    ),
+    ("compliance_mL_per_mmHg", [0.001, 100.0], "mL/mmHg"),
+];
+
+/// Possible values of a parameter of the Windkessel by its key; `None` for another key.
+#[must_use]
+pub fn load_range(key: &str) -> Option<[f64; 2]> {
+    let of_key = |(name, range, _): &(&str, [f64; 2], &str)| (*name == key).then_some(*range);
+    AFTERLOAD.iter().find_map(of_key)
+}
+
 /// Checks the values of a patient's file. `folder` is the name of the folder that holds it.
 pub fn check_values(file: &PatientFile, document: &Document, folder: &str, report: &mut Report) {
     let mut list = Values {
@@ -36,32 +63,14 @@ pub fn check_values(file: &PatientFile, document: &Document, folder: &str, repor
         list.mesh(mesh);
     }
     if let Some(afterload) = &file.afterload {
-        let [r1, r2, c] = [
+        let values = [
             afterload.characteristic_resistance_mmhg_s_per_ml,
             afterload.peripheral_resistance_mmhg_s_per_ml,
             afterload.compliance_ml_per_mmhg,
         ];
-        list.range(
-            "afterload.characteristic_resistance_mmHg_s_per_mL",
-            Some(r1),
-            0.0,
-            10.0,
-            "mmHg s/mL",
-        );
-        list.range(
-            "afterload.peripheral_resistance_mmHg_s_per_mL",
-            Some(r2),
-            0.01,
-            100.0,
-            "mmHg s/mL",
-        );
-        list.range(
-            "afterload.compliance_mL_per_mmHg",
-            Some(c),
-            0.001,
-            100.0,
-            "mL/mmHg",
-        );
+        for ((key, [low, high], unit), value) in std::iter::zip(AFTERLOAD, values) {
+            list.range(&format!("afterload.{key}"), Some(value), low, high, unit);
+        }
     }
     let preload = file
         .preload
@@ -191,10 +200,16 @@ impl Values<'_> {
         if !(low..=high).contains(&value) {
             let remedy = match unit {
                 "ms" if value > 0.0 && value < 10.0 => {
-                    "the value looks like seconds: give milliseconds"
+                    "the value looks like seconds: give milliseconds".to_owned()
                 }
-                _ if high < 0.0 && value > 0.0 => "the quantity is negative: write the sign",
-                _ => "correct the value; its unit is in the key's name",
+                RESISTANCE if value > high => format!(
+                    "the unit is mmHg s/mL: {value} dyn s/cm5 is {:.4} mmHg s/mL, the value over {DYN_S_PER_CM5}",
+                    value / DYN_S_PER_CM5
+                ),
+                _ if high < 0.0 && value > 0.0 => {
+                    "the quantity is negative: write the sign".to_owned()
+                }
+                _ => "correct the value; its unit is in the key's name".to_owned(),
             };
             let expected = format!("{low} to {high} {unit}");
             self.add(

@@ -275,6 +275,22 @@ fn problems_of_all_files_come_at_once() {
 }
 
 #[test]
+fn a_unit_after_a_number_is_one_error_that_says_what_to_write() {
+    for value in ["700 ms", "700ms", "700.0 ms # of the ECG"] {
+        let text = PATIENT.replace(
+            "cycle_length_ms = 700",
+            &format!("cycle_length_ms = {value}"),
+        );
+        assert_ne!(text, PATIENT);
+        let number = value
+            .trim_end_matches(" # of the ECG")
+            .trim_end_matches("ms");
+        let remedy = format!("write {} alone", number.trim_end());
+        only(&one(COHORT, &text), &["found `700", &remedy]);
+    }
+}
+
+#[test]
 fn start_at_diastasis_needs_the_image() {
     let text = "name = \"c\"\n[solver]\nstart = \"diastasis\"\n";
     only(&one(text, PATIENT), &["measured.diastasis", "solver.start"]);
@@ -319,7 +335,7 @@ fn impossible_numbers_of_a_patient_are_named() {
         &with(
             "[afterload]\ncharacteristic_resistance_mmHg_s_per_mL = 0.03\nperipheral_resistance_mmHg_s_per_mL = 900\ncompliance_mL_per_mmHg = 1",
         ),
-        &["peripheral_resistance"],
+        &["peripheral_resistance", "900 dyn s/cm5 is 0.6751 mmHg s/mL"],
     );
 }
 

@@ -34,8 +34,8 @@ use super::record::{self, MemberRecord, Settled};
 use super::view::{self, AttemptRecord, EventRecord, StepExplanation};
 use super::writer::{parse, patient_row};
 use super::{
-    StoreError, attempts, events, lease, lock, notable, open, patients, revision, screen, steps,
-    writer,
+    MovedCohort, StoreError, attempts, events, lease, lock, notable, open, patients, revision,
+    screen, steps, writer,
 };
 use crate::clock;
 
@@ -318,6 +318,7 @@ impl Reader {
         // What is written while the record is read makes another revision.
         let revision = self.revision().await?;
         let now_ms = clock::now_ms();
+        let moved = self.moved_cohort().await?;
         let mut rows = self.active_patients().await?.into_iter();
         loop {
             let group: Vec<PatientRow> = rows.by_ref().take(GROUP).collect();
@@ -335,7 +336,7 @@ impl Reader {
             for row in group {
                 if let Some(plan) = wide.get(&row.id) {
                     let id = row.id;
-                    let record = patient_of(row, plan, &settled, now_ms)?;
+                    let record = patient_of(row, plan, moved.as_ref(), &settled, now_ms)?;
                     take(self.with_before(id, record, &settled).await?)?;
                 }
             }
@@ -373,11 +374,12 @@ impl Reader {
         for row in self.rows(patients::SELECT_PLANS, None).await? {
             wide.insert(row.get::<i64, _>("patient_id"), row);
         }
+        let moved = self.moved_cohort().await?;
         let rows = self.active_patients().await?;
         rows.into_iter()
             .filter_map(|row| Some((wide.get(&row.id)?, row)))
             .map(|(wide, row)| {
-                let (plan, chain) = plan_and_chain(&row, wide)?;
+                let (plan, chain) = plan_and_chain(&row, wide, moved.as_ref())?;
                 let failure = failure_of(&row);
                 Ok(record::member(
                     plan,
@@ -401,7 +403,8 @@ impl Reader {
             .settled(sqlx::query(SETTLED_OF_PATIENT).bind(row.id))
             .await?;
         let (id, plan) = (row.id, self.plan_row(row.id).await?);
-        let record = patient_of(row, &plan, &settled, clock::now_ms())?;
+        let moved = self.moved_cohort().await?;
+        let record = patient_of(row, &plan, moved.as_ref(), &settled, clock::now_ms())?;
         self.with_before(id, record, &settled).await
     }
 
@@ -670,10 +673,11 @@ fn step_of(row: &SqliteRow) -> Result<Step, StoreError> {
 fn patient_of(
     row: PatientRow,
     wide: &SqliteRow,
+    moved: Option<&MovedCohort>,
     settled: &HashMap<TaskKey, Settled>,
     now_ms: i64,
 ) -> Result<PatientRecord, StoreError> {
-    let (plan, chain) = plan_and_chain(&row, wide)?;
+    let (plan, chain) = plan_and_chain(&row, wide, moved)?;
     let failure = failure_of(&row);
     Ok(record::patient(
         plan,
@@ -687,12 +691,14 @@ fn patient_of(
 fn plan_and_chain(
     row: &PatientRow,
     wide: &SqliteRow,
+    moved: Option<&MovedCohort>,
 ) -> Result<(ResolvedPatient, Chain), StoreError> {
     let (plan, chain): (String, String) = (
         wide.get::<Option<String>, _>("plan")
             .unwrap_or_else(|| wide.get("given")),
         wide.get("chain"),
     );
+    let plan = MovedCohort::plan(moved, plan);
     Ok((
         parse(&plan, "plans", "plan", &row.status.patient)?,
         parse(&chain, "plans", "chain", &row.status.patient)?,

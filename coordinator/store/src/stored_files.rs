@@ -11,7 +11,7 @@ use serde_json::Value;
 use sqlx::Row as _;
 
 use super::writer::parse;
-use super::{Reader, StoreError};
+use super::{MovedCohort, Reader, StoreError};
 
 /// A file with the hash that it had when it was written or read.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -82,8 +82,10 @@ impl Reader {
                 add(&artefact.file, artefact.sha256);
             }
         }
+        let moved = self.moved_cohort().await?;
         for row in self.rows(PLANS, None).await? {
             let (patient, plan): (String, String) = (row.get(0), row.get(1));
+            let plan = MovedCohort::plan(moved.as_ref(), plan);
             let plan: Value = parse(&plan, "plans", "plan", &patient)?;
             named(&plan, &mut |path, sha256| {
                 files.insert(StoredFile {

@@ -40,7 +40,7 @@ pub struct Writer {
 }
 
 /// Key of the run's folder among the store's single values.
-const RUN_DIR: &str = "run_dir";
+pub(super) const RUN_DIR: &str = "run_dir";
 
 /// Plans read at a time.
 const GROUP: i64 = 512;

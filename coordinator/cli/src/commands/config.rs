@@ -1,6 +1,8 @@
 //! `cardiotwin config show`: every setting and its origin.
 
-use cardiotwin_input::{self as input, Merged, Options, Origin, Report};
+use std::path::Path;
+
+use cardiotwin_input::{self as input, COMMAND_LINE, Finding, Merged, Options, Origin, Report};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::Value;
@@ -76,6 +78,13 @@ pub async fn execute(args: &ConfigArgs, talk: &Talk) -> Result<Exit, CliError> {
     };
     let cohort = input::load(&cohort_dir, &options, &mut report);
     problems::say(&report, talk);
+    // The settings of a mistyped `--set` are not those that were asked for.
+    let of_set = |finding: &Finding| finding.problem.file == Path::new(COMMAND_LINE);
+    if report.findings().iter().any(of_set) {
+        return Err(CliError::Input {
+            errors: count(report.n_errors(), "error"),
+        });
+    }
     let merged: Option<&Merged> = cohort.as_ref().and_then(|cohort| match &args.patient {
         Some(_) => cohort.patients.first().map(|patient| &*patient.settings),
         None => Some(&cohort.settings),

@@ -284,6 +284,16 @@ fn reasons(one: &PatientElastance) -> Vec<String> {
             say(what, reason);
         }
     }
+    if let Outcome::Found(resistance) = &one.twin.internal_resistance_mmhg_s_per_ml
+        && *resistance < 0.0
+    {
+        say(
+            "internal resistance",
+            &"below 0 it is no loss of pressure: the line's V0 is off, or the wall's stress differs \
+              between the loads"
+                .to_owned(),
+        );
+    }
     if let Outcome::None { reason } = &one.recording {
         say("estimates from the recording", reason);
     }

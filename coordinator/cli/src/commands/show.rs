@@ -179,6 +179,9 @@ fn heading(record: &PatientRecord) -> String {
             text.push_str(&format!("target not reachable: {target}\n"));
         }
     }
+    if let Some(off) = PatientView(record).off_outside_the_verdict() {
+        text.push_str(&format!("{off}\n"));
+    }
     if let Some(failure) = &record.failure {
         text.push_str(&format!(
             "failure [{}]: {}\n",
@@ -281,7 +284,7 @@ fn cell(record: &PatientRecord, talk: &Talk) -> String {
         return String::new();
     };
     let columns = [
-        "CELL PARAMETER",
+        "CELL PARAMETER OF STEP 2",
         ">VALUE",
         ">LOWER",
         ">UPPER",

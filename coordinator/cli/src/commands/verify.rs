@@ -16,7 +16,10 @@ use crate::talk::{Talk, count};
 #[derive(Debug, Args)]
 #[command(
     after_help = "Checked are outcomes and artefacts of all finished tasks, and the files of the \
-                  cohort that patients' plans name.\n\
+                  cohort that patients' plans name; of a cohort that was copied together with its \
+                  run, the files of the copy.\n\
+                  Not checked are files that `run`, `report` and `export` can write again, which have \
+                  no stored hash: models/PATIENT/model.toml, reports and exported tables.\n\
                   The table lists what is not as it was stored; nothing is changed. The exit code is \
                   1 if there is anything to list."
 )]
@@ -41,7 +44,7 @@ struct Answer<'a> {
 /// Errors of the store.
 pub async fn execute(args: &VerifyArgs, talk: &Talk) -> Result<Exit, CliError> {
     let folders = args.place.folders();
-    let files = engine::verify(&folders.run).await?;
+    let engine::Verified { files, moved } = engine::verify(&folders.run).await?;
     let differ: Vec<&VerifiedFile> = files
         .iter()
         .filter(|file| file.standing != FileState::AsStored)
@@ -57,6 +60,16 @@ pub async fn execute(args: &VerifyArgs, talk: &Talk) -> Result<Exit, CliError> {
             talk.data(&table(&differ, &folders.run, talk))?;
         }
         talk.data(&format!("{}\n", counted(&files)))?;
+        if let Some(moved) = &moved {
+            let (is, was) = (moved.is.display(), moved.was.display());
+            talk.say(&format!(
+                "the cohort's files are those in {is}; the run read them in {was}"
+            ));
+        }
+        talk.say(
+            "not checked, because the program can write them again: models/*/model.toml, reports, \
+             exported tables",
+        );
     }
     if differ.is_empty() {
         return Ok(Exit::Ok);

@@ -18,9 +18,9 @@ use crate::mesh_size;
 
 /// Number of measured attempts of a kind that suffices for a mean.
 const ENOUGH: usize = 20;
-/// Nodal traces of a beat in 3D, bytes per node of the mesh. Patient 03-CoA with 500 and 1,000
-/// nodes, the longer of its beats (1 ms steps, 917 ms): 28 to 30 kB.
-const BYTES_PER_NODE: f64 = 30_000.0;
+/// Nodal traces of a beat in 3D with calcium, bytes per node of the mesh and ms of the cycle: three numbers
+/// of some ten characters a ms. 03-CoA with 500 nodes and 917 ms: 30.3; without calcium, in step 1: 15.8.
+const BYTES_PER_NODE_AND_MS: f64 = 31.0;
 /// `ventricle.bin` and the other files of step 0, bytes per node.
 const STEP0_BYTES_PER_NODE: f64 = 490.0;
 /// Attempts of 03-CoA on the reduced ventricle, by kind: bytes, and number of files and folders.
@@ -176,7 +176,10 @@ fn guess(kind: &str, plan: &ResolvedPatient) -> (f64, f64) {
     let (bytes, inodes) = known.unwrap_or(OTHER);
     let in_3d = plan.settings.solver.fidelity == Fidelity::FiniteElement;
     match kind {
-        "organ-beat" if in_3d => (f64::from(mesh_size::nodes(plan)) * BYTES_PER_NODE, inodes),
+        "organ-beat" if in_3d => {
+            let node_ms = f64::from(mesh_size::nodes(plan)) * plan.step0.cycle_length_ms;
+            (node_ms * BYTES_PER_NODE_AND_MS, inodes)
+        }
         "passive-state" if in_3d => (
             f64::from(mesh_size::nodes(plan)) * STEP0_BYTES_PER_NODE,
             inodes,

@@ -3,12 +3,13 @@
 
 use std::path::Path;
 
+use cardiotwin_schemas::settings::SlurmSettings;
 use cardiotwin_slurm::access::folder::JobFolder;
 use cardiotwin_slurm::access::{Installed, Scheduler};
 use cardiotwin_slurm::answers::queue;
 use cardiotwin_slurm::commands;
 use cardiotwin_slurm::plan::finish;
-use cardiotwin_slurm::site::Queue;
+use cardiotwin_slurm::site::{Queue, Site};
 use cardiotwin_store::Writer;
 use cardiotwin_store::clock;
 use serde::Serialize;
@@ -76,6 +77,17 @@ pub struct PlannedRow {
     pub script: String,
 }
 
+/// What the plan assumes of a machine of which no site tells anything.
+fn assumed(settings: &SlurmSettings, site: &Site) -> Option<String> {
+    (settings.site == SlurmSettings::default().site).then(|| {
+        format!(
+            "site {} is an assumption: a Slurm with {} cores and {} MiB of memory a node; name your \
+             site by executor.slurm.site",
+            site.name, site.node.cores, site.node.memory_mib
+        )
+    })
+}
+
 /// Plans as a tick would, without submitting anything.
 ///
 /// # Errors
@@ -88,6 +100,7 @@ pub async fn preview(options: &RunOptions, program: &Path) -> Result<PlannedRun,
     decide_unwritten(&mut books, options.patients.as_deref())?;
     let mut scheduler = Installed::default();
     let mut remarks = discover_now(&mut site, &mut scheduler).await;
+    remarks.extend(assumed(&options.executor.slurm, &site));
     let rows = match queue::read(&scheduler.ask(&commands::queue()).await) {
         Ok(table) => table.rows,
         Err(error) => {

@@ -102,6 +102,11 @@ pub(super) fn table(path: &Path, bytes: &[u8]) -> Result<PlainTable, NotUndersto
     Ok(PlainTable { columns, said })
 }
 
+/// What to do with pressure and volume in two files.
+const TWO_FILES: &str = "put both into one file with the columns time_ms,pressure_mmHg,volume_mL; or keep two files: \
+    `cardiotwin init DIR` makes a cohort, and its folder patients/P001 takes them as pressure.csv \
+    (time_ms,pressure_mmHg) and volume.csv (time_ms,volume_mL)";
+
 fn word(quantity: &str) -> &'static str {
     match quantity {
         "time" => "time",
@@ -148,12 +153,12 @@ pub(super) fn choose(
         format!("columns {}", all.join(", "))
     };
     let lacking = |asks_for, what: &str| {
-        if columns.len() < 2 {
+        if columns.len() < 2 + usize::from(time.is_some()) {
             let problem = Problem::error(
                 path,
                 format!("only {}", labels()),
                 "a column of the pressure and one of the volume",
-                "put both into one file, one sample a line",
+                TWO_FILES,
             );
             return problem.into();
         }

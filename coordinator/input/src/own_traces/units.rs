@@ -145,7 +145,15 @@ impl Kind {
     ) -> Result<(f64, (Learned, String)), NotUnderstood> {
         if let Some(unit) = given {
             let factor = stated(path, self.quantity, unit, self.option.option(), self.units)?;
-            return Ok((factor, (Learned::Told, format!("{unit} as stated"))));
+            let header = choice.column.unit.as_deref().unwrap_or_default();
+            // The option is how a user corrects a wrong header, and how a slip contradicts a right one.
+            let contradicts = |of_header: f64| of_header != factor;
+            let against = match unit_factor(self.quantity, header).is_some_and(contradicts) {
+                true => format!(", AGAINST the {header} of its header"),
+                false => String::new(),
+            };
+            let how = format!("{unit} as stated{against}");
+            return Ok((factor, (Learned::Told, how)));
         }
         let column = &choice.column;
         if let (Some(factor), Some(unit)) = (
@@ -280,7 +288,11 @@ mod tests {
             )
         );
         assert_eq!(of(Some("mmHg"), None, 118.0).1, "mmHg in the header");
-        assert_eq!(of(Some("mmHg"), Some("hPa"), 118.0).1, "hPa as stated");
+        assert_eq!(
+            of(Some("mmHg"), Some("hPa"), 118.0).1,
+            "hPa as stated, AGAINST the mmHg of its header"
+        );
+        assert_eq!(of(Some("mbar"), Some("hPa"), 118.0).1, "hPa as stated");
         let (top, why) = of(None, None, 16.0);
         assert!(
             (top - 120.0).abs() < 0.1 && why.starts_with("kPa"),

@@ -1,14 +1,18 @@
 //! The paper's Tables 1, 2, A6 and A7 (Jung et al. 2022) for this cohort. The paper's LFM is step 1
 //! and its HFM step 2. Columns that the paper lacks come last.
 
+use std::collections::BTreeSet;
+
 use cardiotwin_schemas::biomarkers::Biomarker;
 use cardiotwin_schemas::cell::TABLE_A7;
+use cardiotwin_schemas::organ::VALVE_PARAMETERS;
 use cardiotwin_schemas::record::{PatientRecord, RunRecord};
 use serde_json::{Value, json};
 
 use super::table::{Row, Table, number};
 use crate::results::model::Model;
 use crate::results::tables::biomarkers;
+use crate::results::twin::moved_in_the_organ;
 use crate::results::{MeanSd, PatientView, Step};
 
 fn rows(run: &RunRecord, values: impl Fn(PatientView) -> Vec<Value>) -> Vec<Row> {
@@ -100,6 +104,7 @@ pub fn table_1(run: &RunRecord) -> Table {
 /// Biomarkers: measured, step 1, step 2, with absolute relative differences in percent, as the paper prints them.
 pub fn table_2(run: &RunRecord) -> Table {
     let mut rows = Vec::new();
+    let has_step3 = run.patients.iter().any(|p| p.step3.is_some());
     for p in &run.patients {
         let table = biomarkers::by_step(p);
         let mut row = |kind, key, written: fn(f64) -> f64| {
@@ -118,6 +123,10 @@ pub fn table_2(run: &RunRecord) -> Table {
         row("step1_difference_percent", "step1_difference", percent);
         row("step2", "step2", |value| value);
         row("step2_difference_percent", "step2_difference", percent);
+        if has_step3 {
+            row("step3", "step3", |value| value);
+            row("step3_difference_percent", "step3_difference", percent);
+        }
     }
     Table {
         name: "table_2",
@@ -129,7 +138,8 @@ pub fn table_2(run: &RunRecord) -> Table {
 
 /// Personalised Tanh and valve models.
 pub fn table_a6(run: &RunRecord) -> Table {
-    Table {
+    let valves = moved(run, |name| VALVE_PARAMETERS.contains(&name));
+    let mut table = Table {
         name: "table_A6",
         caption: "Personalised Tanh model and valve models",
         columns: names(&[
@@ -137,8 +147,8 @@ pub fn table_a6(run: &RunRecord) -> Table {
             "tau_SR_ref_ms",
             "tau_SD_ms",
             "t_CR_ms",
-            "R_AVf_mmHg_s_per_mL",
-            "R_MVf_mmHg_s_per_mL",
+            "R_AV_f_mmHg_s_per_mL",
+            "R_MV_f_mmHg_s_per_mL",
             "quality",
         ]),
         rows: rows(run, |view| match &view.0.step1 {
@@ -151,6 +161,34 @@ pub fn table_a6(run: &RunRecord) -> Table {
                 .collect(),
             None => vec![Value::Null; 7],
         }),
+    };
+    of_twins(run, &mut table, &valves);
+    table
+}
+
+/// The wanted ones of the parameters that any patient's step 3 has moved.
+fn moved(run: &RunRecord, is_wanted: impl Fn(&str) -> bool) -> Vec<String> {
+    let all = run.patients.iter().filter_map(moved_in_the_organ);
+    let names: BTreeSet<&String> = all.flat_map(|of_one| of_one.keys()).collect();
+    let wanted = names.into_iter().filter(|name| is_wanted(name.as_str()));
+    wanted.cloned().collect()
+}
+
+/// Adds a column `NAME_twin` for each of these parameters: its value in the patient's twin, which is
+/// step 3's, or that of the steps before where step 3 left it.
+fn of_twins(run: &RunRecord, table: &mut Table, parameters: &[String]) {
+    for name in parameters {
+        let before = table.columns.iter().position(|column| column == name);
+        table.columns.push(format!("{name}_twin"));
+        for (row, patient) in std::iter::zip(&mut table.rows, &run.patients) {
+            let moved = moved_in_the_organ(patient).and_then(|all| all.get(name));
+            let left = before.map_or(Value::Null, |column| row.values[column].clone());
+            row.values.push(match (patient.twin(), moved) {
+                (None, _) => Value::Null,
+                (Some(_), Some(value)) => number(Some(*value)),
+                (Some(_), None) => left,
+            });
+        }
     }
 }
 
@@ -177,7 +215,8 @@ pub fn table_a7(run: &RunRecord) -> Table {
     for name in &profiled {
         columns.extend(["lower", "upper", "mark"].map(|end| format!("{name}_near_optimal_{end}")));
     }
-    Table {
+    let twins = moved(run, |name| !VALVE_PARAMETERS.contains(&name));
+    let mut table = Table {
         name: "table_A7",
         caption: "Personalised Land and Rice models; lambda_min is that of step 1's median trace, the target",
         columns,
@@ -214,7 +253,9 @@ pub fn table_a7(run: &RunRecord) -> Table {
             }
             values
         }),
-    }
+    };
+    of_twins(run, &mut table, &twins);
+    table
 }
 
 fn is_profiled(run: &RunRecord, name: &str) -> bool {

@@ -7,9 +7,11 @@ use cardiotwin_schemas::record::RunRecord;
 use super::parquet::{Parquet, Values};
 use crate::results::{Signal, Signals};
 
-const COLUMNS: [&str; 6] = ["patient", "source", "signal", "time_ms", "value", "unit"];
+const COLUMNS: [&str; 7] = [
+    "patient", "source", "signal", "time_ms", "value", "unit", "clock",
+];
 
-/// Writes the columns `patient,source,signal,time_ms,value,unit`, one patient after the other, so
+/// Writes the columns `patient,source,signal,time_ms,value,unit,clock`, one patient after the other, so
 /// that memory does not grow with the cohort. `problems` gets a sentence for each file that could
 /// not be read.
 pub fn write(run: &RunRecord, out: &mut dyn Write, problems: &mut Vec<String>) -> io::Result<()> {
@@ -26,6 +28,7 @@ pub fn write(run: &RunRecord, out: &mut dyn Write, problems: &mut Vec<String>) -
                     &time.to_string(),
                     &value.to_string(),
                     signal.kind.unit(),
+                    signal.kind.clock(),
                 ])?;
             }
         }
@@ -38,7 +41,7 @@ pub fn write(run: &RunRecord, out: &mut dyn Write, problems: &mut Vec<String>) -
 pub fn write_parquet(run: &RunRecord, out: &mut (dyn Write + Send)) -> io::Result<()> {
     let text = || Values::Text(Vec::new());
     let number = || Values::Number(Vec::new());
-    let empty = [text(), text(), text(), number(), number(), text()];
+    let empty = [text(), text(), text(), number(), number(), text(), text()];
     let mut file = Parquet::begin(out, &COLUMNS, &empty)?;
     for patient in &run.patients {
         let signals = Signals::read_as_stored(patient).all;
@@ -56,6 +59,7 @@ pub fn write_parquet(run: &RunRecord, out: &mut (dyn Write + Send)) -> io::Resul
             Values::Number(points().map(|(time, _)| Some(*time)).collect()),
             Values::Number(points().map(|(_, value)| Some(*value)).collect()),
             each(&|signal| signal.kind.unit().to_owned()),
+            each(&|signal| signal.kind.clock().to_owned()),
         ])?;
     }
     file.end()

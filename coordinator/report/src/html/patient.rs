@@ -144,6 +144,9 @@ fn flags(patient: &PatientRecord, signals: &Signals) -> Markup {
             },
         ));
     }
+    if let Some(off) = PatientView(patient).off_outside_the_verdict() {
+        notes.push(("warn", html! { (off) "." }));
+    }
     if let Some(verdict) = patient.off() {
         notes.push(("warn", html! { (verdict) ": outside of its tolerances." }));
     }

@@ -187,6 +187,33 @@ impl<'a> PatientView<'a> {
         )
     }
 
+    /// Biomarkers of the twin's beat that the verdict does not judge and that are off by more than its widest
+    /// tolerance, in words; `None` without any, or without a verdict.
+    #[must_use]
+    pub fn off_outside_the_verdict(self) -> Option<String> {
+        self.0.verdict.as_ref()?;
+        let (twin, measured) = (&self.0.twin()?.result.biomarkers, self.measured());
+        let tolerances = self.0.plan.settings.verification.tolerance_percent;
+        let judged = tolerances.of_biomarkers();
+        let widest = judged
+            .iter()
+            .fold(0.0, |a: f64, (_, percent)| a.max(*percent));
+        let is_judged = |b: &Biomarker| judged.iter().any(|(one, _)| one == b);
+        let others = Biomarker::ALL.into_iter().filter(|b| !is_judged(b));
+        let off = others.filter_map(|b| {
+            let percent = 100.0 * relative_difference(twin.get(b)?, measured.get(b)?)?;
+            (percent.abs() > widest).then(|| format!("{} {percent:+.0} %", b.key()))
+        });
+        let off: Vec<String> = off.collect();
+        (!off.is_empty()).then(|| {
+            format!(
+                "the verdict does not judge, but the twin misses by more than its widest tolerance of \
+                 {widest} %: {}",
+                off.join(", ")
+            )
+        })
+    }
+
     /// The beat that step 3 took, if it is not the verification beat.
     #[must_use]
     pub fn step3_beat(self) -> Option<&'a TaskRecord<OrganBeatResult>> {

@@ -88,7 +88,19 @@ const CELL: [SignalKind; 3] = [
     SignalKind::Stretch,
 ];
 
-/// One trace: time in ms from the beat's start, and value.
+impl SignalKind {
+    /// What times count from: the `beat`'s beginning, or the cell's `activation`, which comes later.
+    #[must_use]
+    pub fn clock(self) -> &'static str {
+        if CELL.contains(&self) {
+            "activation"
+        } else {
+            "beat"
+        }
+    }
+}
+
+/// One trace: time in ms on the clock of its kind, and value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Signal {
     /// Source of the trace.

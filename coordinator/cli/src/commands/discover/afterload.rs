@@ -377,8 +377,8 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
     for effect in answer.effects.iter().take(SHOWN) {
         let accepted = answer.accepted.contains(&effect.name);
         let note = match (accepted, effect.artefact) {
-            (true, Some(true)) => "accepted: correct the data",
-            (true, _) => "accepted",
+            (true, Some(true)) => "named: correct the data",
+            (true, _) => "named",
             (false, _) => effect.refused.as_deref().unwrap_or(""),
         };
         let tone = accepted.then_some(Tone::Good);
@@ -448,7 +448,7 @@ fn text(answer: &AfterloadDiscovery, settings: &DiscoverySettings, talk: &Talk) 
     let rivals: Vec<&str> = answer.confusable.iter().map(|c| c.rival.as_str()).collect();
     let hidden: Vec<&str> = answer.not_identifiable.keys().map(String::as_str).collect();
     for (label, list) in [
-        ("indistinguishable from", rivals.join(", ")),
+        ("hard to tell from, though preferred", rivals.join(", ")),
         (
             "deciding measurement",
             answer.deciding_measurement.join("; "),

@@ -6,6 +6,7 @@ use cardiotwin_input::{nearest, patients_of};
 use clap::Args;
 
 use crate::error::CliError;
+use crate::place::cohort_folder;
 
 /// Find and name effects that the model lacks in measured traces, and show how they reduce the
 /// misfit
@@ -100,8 +101,9 @@ impl DiscoverArgs {
     pub(super) fn folder(&self) -> Result<PathBuf, CliError> {
         let named = self.folder.to_string_lossy();
         let Some(cohort) = self.cohort.as_deref() else {
-            return Ok(self.folder.clone());
+            return Ok(cohort_folder(&self.folder).to_owned());
         };
+        let cohort = cohort_folder(cohort);
         if named == "." {
             return Ok(cohort.to_owned());
         }

@@ -34,7 +34,7 @@ pub fn case(case: &DiscoverCase, brief: bool, talk: &Talk) -> String {
     text.push_str(&finite_element(case, talk));
     let lists = [
         (
-            "indistinguishable from",
+            "hard to tell from, though preferred",
             found.findings.confusable.join(", "),
         ),
         (
@@ -123,7 +123,10 @@ fn finite_element(case: &DiscoverCase, talk: &Talk) -> String {
 pub fn cohort(cases: &DiscoverCases, talk: &Talk) -> String {
     let all = [
         (discovery_cohort::patients(cases), ""),
-        (discovery_cohort::pooled(cases), ""),
+        (
+            discovery_cohort::pooled(cases),
+            "each patient counts by 10 at most, for or against an effect\n",
+        ),
         (
             discovery_cohort::run_misses(cases),
             "rms over the beat of the cohort's run; the organ's model: smallest misfit with any \
@@ -197,7 +200,7 @@ mod tests {
         let p1 = cases.get_mut("P1").unwrap();
         p1.finite_element = Some(finite_element(&p1.found));
         let one = case(&cases["P1"], false, &talk);
-        assert!(one.contains("accepted, not confirmed\n"), "{one}");
+        assert!(one.contains("named, not confirmed\n"), "{one}");
         assert!(
             one.contains("do not confirm it (1.72 without and 1.72 with it)"),
             "{one}"

@@ -104,6 +104,9 @@ fn answer(measured: &Measured, periodic: bool, fit: &WindkesselFit) -> Afterload
     answer
         .warnings
         .extend(measured.against(fit.r1.value, fit.r2.value));
+    answer
+        .warnings
+        .extend(measured.against_pulse(fit.compliance.value));
     let of_fit = warnings(&answer);
     answer.warnings.extend(of_fit);
     answer

@@ -8,7 +8,7 @@ use cardiotwin_signals::{Origin, Problem, Quantity, Trace, read_trace_from};
 
 use crate::error::CliError;
 use crate::problems;
-use crate::talk::{Talk, count};
+use crate::talk::Talk;
 
 /// Reads a trace and prints every problem.
 ///
@@ -69,8 +69,19 @@ pub fn refused(problem: Problem, talk: &Talk) -> CliError {
 }
 
 fn unusable(n_errors: usize) -> CliError {
-    CliError::Trace {
-        errors: count(n_errors, "error"),
+    CliError::Trace { n_errors }
+}
+
+/// Both of two readings, or the errors of both as one.
+///
+/// # Errors
+/// Those of the readings; the numbers of errors of two unusable traces are added.
+pub fn both<T>(one: Result<T, CliError>, other: Result<T, CliError>) -> Result<(T, T), CliError> {
+    match (one, other) {
+        (Err(CliError::Trace { n_errors: n }), Err(CliError::Trace { n_errors: m })) => {
+            Err(unusable(n + m))
+        }
+        (one, other) => Ok((one?, other?)),
     }
 }
 

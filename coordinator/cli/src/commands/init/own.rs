@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 use cardiotwin_engine::find_worker;
 use cardiotwin_input::own_traces::{self, Choices, Fact, NotUnderstood, OwnTraces, Question};
 use cardiotwin_input::preparation::{self, Made, PREPARED};
-use cardiotwin_input::{Options, PREPARE_TOML, Patient, RawFolder, Report, load, read_raw};
+use cardiotwin_input::{
+    Finding, Options, PREPARE_TOML, Patient, RawFolder, Report, load, read_raw,
+};
 use cardiotwin_report::html::preparation::{UnderstoodBeat, understood_svg};
 use cardiotwin_report::results::folder::WholeFolder;
 use clap::Args;
@@ -179,7 +181,7 @@ pub fn execute(
     let cohort = load(&there, &Options::default(), &mut findings);
     let patients = cohort.map(|cohort| cohort.patients).unwrap_or_default();
     if findings.n_errors() > 0 {
-        problems::say(&findings, talk);
+        problems::say(&of_the_users_files(&findings, &there, &sources), talk);
         return Err(CliError::Recordings {
             errors: count(findings.n_errors(), "error"),
         });
@@ -200,6 +202,34 @@ pub fn execute(
         crate::open::open(picture, talk);
     }
     Ok(Exit::Ok)
+}
+
+/// The findings with the user's own files in the place of those of the trial.
+fn of_the_users_files(findings: &Report, trial: &Path, sources: &[(String, Source)]) -> Report {
+    let mut own = Report::default();
+    for Finding { patient, problem } in findings.findings() {
+        let of_patient = sources.iter().find(|(id, _)| patient.as_ref() == Some(id));
+        let file = of_patient.map(|(_, source)| match source {
+            Source::Traces(path) | Source::Recordings(path) => path.clone(),
+        });
+        let mut problem = problem.clone();
+        if let Ok(inside) = problem.file.strip_prefix(trial) {
+            problem.file = file.unwrap_or_else(|| inside.to_owned());
+            // Lines of the user's file are others.
+            problem.line = None;
+            problem.column = None;
+        }
+        let folder = format!("{}/", trial.display());
+        for text in [
+            &mut problem.found,
+            &mut problem.expected,
+            &mut problem.remedy,
+        ] {
+            *text = text.replace(&folder, "");
+        }
+        own.add(patient.as_deref(), problem);
+    }
+    own
 }
 
 /// Whether a folder holds anything.

@@ -9,7 +9,7 @@ use cardiotwin_schemas::organ::{
 use cardiotwin_schemas::task::OrganBeatSpec;
 use serde::Serialize;
 
-use cardiotwin_input::nearest;
+use cardiotwin_input::{load_range, nearest};
 
 /// Loads and pacing. The parameters of cell and valves can be changed, too.
 const LOADS: [&str; 5] = [
@@ -22,7 +22,7 @@ const LOADS: [&str; 5] = [
 
 /// Quantities that cannot be changed, because the model does not describe such a change or the
 /// quantity is not a cause in it, each with the reason.
-const UNSAYABLE: [(&str, &str); 7] = [
+const UNSAYABLE: [(&str, &str); 6] = [
     (
         "wall_volume_mL",
         "the wall is fixed: the model does not describe growth",
@@ -40,7 +40,6 @@ const UNSAYABLE: [(&str, &str); 7] = [
         "the passive law is fitted together with the unloaded state, and neither can be changed \
          alone",
     ),
-    ("heart_rate", "pacing is set by `cycle_length_ms`"),
     (
         "end_diastolic_volume_mL",
         "filling follows from `left_atrial_pressure_mmHg`",
@@ -50,6 +49,37 @@ const UNSAYABLE: [(&str, &str); 7] = [
         "the periodic state does not depend on it",
     ),
 ];
+
+/// Words of the clinic, each with the key that says it and how.
+const CLINICAL: [(&str, &str); 7] = [
+    (
+        "contractility",
+        "`Smax_ref_kPa`, the reference stress of the cell",
+    ),
+    (
+        "afterload",
+        "`peripheral_resistance_mmHg_s_per_mL`, or `compliance_mL_per_mmHg`",
+    ),
+    (
+        "resistance",
+        "`peripheral_resistance_mmHg_s_per_mL` of the vessels, or `R_AV_f_mmHg_s_per_mL` of the aortic valve",
+    ),
+    ("preload", "`left_atrial_pressure_mmHg`"),
+    ("filling pressure", "`left_atrial_pressure_mmHg`"),
+    (
+        "heart rate",
+        "`cycle_length_ms`, which is 60000 over the rate in 1/min",
+    ),
+    (
+        "stiffness",
+        "`compliance_mL_per_mmHg` for the vessels; the wall's cannot be changed: its law is fitted \
+         together with the unloaded state",
+    ),
+];
+
+/// Factors of a change outside of which a remark says that it is far from any that was tried on other
+/// hearts. Those were of 15 to 30 %.
+const TRIED: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 
 /// New value, or change in percent of the twin's value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,6 +131,13 @@ impl FromStr for Change {
                     "{key}: `{amount}` has no sign; expected +N% or -N% of the twin's value"
                 ));
             }
+            None if amount.starts_with('+') => {
+                return Err(format!(
+                    "{key}: `{amount}` has a sign and no %: write `{key}={}` for the value, \
+                     `{key}={amount}%` for the change",
+                    amount.trim_start_matches('+')
+                ));
+            }
             None => Amount::Value(number(amount)?),
         };
         known(key)?;
@@ -117,6 +154,10 @@ fn known(key: &str) -> Result<(), String> {
     }
     if let Some((_, reason)) = UNSAYABLE.iter().find(|(name, _)| *name == key) {
         return Err(format!("{key}: {reason}"));
+    }
+    let word = key.to_lowercase().replace(['_', '-'], " ");
+    if let Some((_, said)) = CLINICAL.iter().find(|(name, _)| *name == word) {
+        return Err(format!("{key}: say it by {said}"));
     }
     if Biomarker::named(key).is_some() {
         return Err(format!(
@@ -140,6 +181,11 @@ fn known(key: &str) -> Result<(), String> {
 }
 
 impl Change {
+    /// Name of the quantity, including its unit.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
     /// Applies the change to a beat.
     ///
     /// # Errors
@@ -156,8 +202,21 @@ impl Change {
         };
         if !after.is_finite() || after * before <= 0.0 {
             let sign = if before < 0.0 { "negative" } else { "positive" };
+            let hint = match self.amount {
+                Amount::Value(value) if (-100.0..0.0).contains(&value) && before > 0.0 => {
+                    format!("; did you mean `{key}={value}%`?")
+                }
+                _ => String::new(),
+            };
             return Err(format!(
-                "{key}: found {after}, expected a {sign} value like the twin's {before}"
+                "{key}: found {after}, expected a {sign} value like the twin's {before}{hint}"
+            ));
+        }
+        if let Some([low, high]) = load_range(key)
+            && !(low..=high).contains(&after)
+        {
+            return Err(format!(
+                "{key}: found {after}, expected {low} to {high}, as in a patient's file; the twin has {before}"
             ));
         }
         *place = after;
@@ -206,6 +265,19 @@ impl Change {
             ),
             _ => None,
         }
+    }
+}
+
+impl Changed {
+    /// Remark on a change that is larger than any that was tried.
+    pub fn remark(&self) -> Option<String> {
+        let factor = self.after / self.before;
+        (!TRIED.contains(&factor)).then(|| {
+            format!(
+                "{} becomes {:.3} times the twin's: predictions were compared with changes of at most 30 %",
+                self.key, factor
+            )
+        })
     }
 }
 
@@ -270,6 +342,26 @@ mod tests {
             unknown.contains("did you mean `peripheral_resistance_mmHg_s_per_mL`?"),
             "{unknown}"
         );
+        let hint = "Ca_max_uM=-20"
+            .parse::<Change>()
+            .unwrap()
+            .make(&mut beat())
+            .unwrap_err();
+        assert!(hint.ends_with("did you mean `Ca_max_uM=-20%`?"), "{hint}");
+        assert!(said("phi=+20").ends_with("`phi=20` for the value, `phi=+20%` for the change"));
+        assert!(said("contractility=-20%").contains("`Smax_ref_kPa`"));
+        assert!(said("heart_rate=90").contains("`cycle_length_ms`, which is 60000 over"));
+        assert!(said("Preload=-20%").contains("`left_atrial_pressure_mmHg`"));
+        let far = "peripheral_resistance_mmHg_s_per_mL=-99%"
+            .parse::<Change>()
+            .unwrap();
+        let refused = far.make(&mut beat()).unwrap_err();
+        assert!(refused.contains("expected 0.01 to 100"), "{refused}");
+        let far = "peripheral_resistance_mmHg_s_per_mL=-90%"
+            .parse::<Change>()
+            .unwrap();
+        let far = far.make(&mut beat()).unwrap().remark().unwrap();
+        assert!(far.contains("becomes 0.100 times the twin's"), "{far}");
         assert!(said("phi=20%").contains("has no sign"));
         assert!(said("phi=much").contains("neither a number nor a percentage"));
         assert!(said("phi").contains("expected KEY=VALUE"));

@@ -287,6 +287,7 @@ fn predict(
     }
     let of_changes = changes.iter().filter_map(Change::remark);
     remarks.extend(of_changes.map(str::to_owned));
+    remarks.extend(both.made.iter().filter_map(Changed::remark));
     let verdict = ventricle.verdict();
     if let Some(verdict) = verdict.filter(|verdict| !verdict.personalised) {
         remarks.push(format!(

@@ -47,12 +47,21 @@ pub fn read(path: &Path) -> Result<BTreeMap<String, Scenario>, CliError> {
 /// Parses a list of changes.
 ///
 /// # Errors
-/// A message about the first invalid change, or about an empty list.
+/// A message about the first invalid change, a quantity that is changed twice, or an empty list.
 pub fn changes(set: &[String]) -> Result<Vec<Change>, String> {
     if set.is_empty() {
         return Err("no change found; expected KEY=VALUE or KEY=±N%".to_owned());
     }
-    set.iter().map(|text| text.parse()).collect()
+    let changes = (set.iter().map(|text| text.parse())).collect::<Result<Vec<Change>, String>>()?;
+    for (n, change) in changes.iter().enumerate() {
+        if changes[..n].iter().any(|other| other.key() == change.key()) {
+            return Err(format!(
+                "{}: changed twice; give one change of each quantity",
+                change.key()
+            ));
+        }
+    }
+    Ok(changes)
 }
 
 #[cfg(test)]
@@ -75,6 +84,8 @@ mod tests {
             wrong.contains("[stent] P_max_mmHg: is a result of the beat"),
             "{wrong}"
         );
+        let twice = said("[stent]\nset = [\"phi=1\", \"phi=+10%\"]\n").unwrap_err();
+        assert!(twice.contains("[stent] phi: changed twice"), "{twice}");
         assert!(said("[stent]\nsets = []\n").unwrap_err().contains("sets"));
         assert!(said("").unwrap_err().contains("no scenario"));
     }

@@ -14,7 +14,7 @@ pub fn columns(member: &'static str) -> [Column; 7] {
         Column::words("patient").label(member),
         Column::words("step"),
         Column::words("state"),
-        Column::words("iteration"),
+        Column::words("iteration").label("step-1 iteration"),
         Column::numbers("cost"),
         Column::numbers("for_s")
             .label("time in state")
@@ -98,13 +98,17 @@ pub fn of_cluster(cluster: &ClusterStatus) -> String {
         true => format!(" ({:.2} {})", cluster.charge, cluster.charge_unit),
         false => String::new(),
     };
+    // Less than half of the last digit would be read as nothing to do.
+    let to_come = match cluster.node_hours_left {
+        left if left <= 0.0 => String::new(),
+        left if left < 0.005 => ", less than 0.01 to come".to_owned(),
+        left => format!(", about {left:.2} to come"),
+    };
     let mut text = format!(
-        "{}: {running} jobs running, {} pending; {:.2} node-hours so far{charge}, about {:.2} to \
-         come; {age}\n",
+        "{}: {running} jobs running, {} pending; {:.2} node-hours so far{charge}{to_come}; {age}\n",
         cluster.site,
         cluster.jobs.len() - running,
         cluster.node_hours,
-        cluster.node_hours_left,
     );
     for (what, why) in [("no answer", &cluster.no_answer), ("holds", &cluster.holds)] {
         if let Some(why) = why {

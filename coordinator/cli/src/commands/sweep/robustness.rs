@@ -23,6 +23,7 @@ use super::robustness_text;
 use crate::error::CliError;
 use crate::exit::Exit;
 use crate::open::open as open_in_viewer;
+use crate::place::cohort_folder;
 use crate::table::duration;
 use crate::talk::{Talk, count};
 use crate::{kept, problems, redone};
@@ -139,7 +140,7 @@ impl RobustnessArgs {
 pub async fn execute(args: &RobustnessArgs, talk: &Talk) -> Result<Exit, CliError> {
     let began = Instant::now();
     let out = args.out.clone().unwrap_or_else(|| {
-        args.cohort
+        cohort_folder(&args.cohort)
             .join("sweeps")
             .join(format!("robustness-{}", args.kind.over().word()))
     });
@@ -249,7 +250,7 @@ fn load(
     }
     let mut report = Report::default();
     let cohort = input::load(
-        &args.cohort,
+        cohort_folder(&args.cohort),
         &Options {
             set,
             only,

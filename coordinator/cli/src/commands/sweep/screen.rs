@@ -154,6 +154,30 @@ pub fn pairs(record: &SensitivityRecord, n: usize, talk: &Talk) -> String {
     table.text()
 }
 
+/// Half width of a total index's interval above which the ranking is not to be trusted: a tenth of the
+/// variance, the size of the indices that people keep.
+const WIDE: f64 = 0.1;
+
+/// Warning where the total indices are known too roughly.
+fn doubt(record: &SensitivityRecord) -> Option<String> {
+    let parameters = record.outputs.iter().flat_map(|output| &output.parameters);
+    let totals = || parameters.clone().filter_map(|parameter| parameter.total);
+    if totals().all(|total| total.half_width.is_none()) {
+        return Some(
+            "warning: too few samples for intervals: read no index; take more with --samples\n"
+                .to_owned(),
+        );
+    }
+    let widths = totals().filter_map(|total| total.half_width);
+    let widest = widths.fold(0.0, f64::max);
+    (widest > WIDE).then(|| {
+        format!(
+            "warning: total indices are known to ± {widest:.2} only: take more samples (--samples); \
+             four times as many halve it\n"
+        )
+    })
+}
+
 /// Number of samples behind the indices, and the agreement with the paper.
 #[must_use]
 pub fn remarks(record: &SensitivityRecord) -> String {
@@ -183,8 +207,9 @@ pub fn remarks(record: &SensitivityRecord) -> String {
     } else {
         ""
     };
+    let doubt = doubt(record).unwrap_or_default();
     format!(
-        "± half of the {level} % interval; RANKS: the {level} % interval of the rank; FIRST 9: \
+        "{doubt}± half of the {level} % interval; RANKS: the {level} % interval of the rank; FIRST 9: \
          fraction of the resamples\n\
          {partial}{} of {} blocks, {} samples: {} physiological, {} excluded{by}, {} failed; {} not \
          periodic\n\

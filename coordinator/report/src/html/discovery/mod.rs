@@ -265,7 +265,7 @@ mod tests {
             "whole heart volume",
             "with atrial kick",
             "class=\"line after\"",
-            "Indistinguishable from",
+            "Hard to tell from",
         ] {
             assert!(html.contains(part), "{part} is not in {html}");
         }

@@ -72,7 +72,10 @@ pub fn lists(case: &DiscoverCase) -> Markup {
         }
     };
     let mut rows = vec![
-        ("Indistinguishable from", names(&found.findings.confusable)),
+        (
+            "Hard to tell from, though preferred",
+            names(&found.findings.confusable),
+        ),
         (
             "Deciding measurement",
             found.findings.deciding_measurement.join("; "),

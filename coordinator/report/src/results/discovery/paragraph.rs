@@ -12,6 +12,10 @@ const TOLD: f64 = 0.05;
 /// Number of changed indices that the paragraph tells.
 const N_TOLD: usize = 4;
 
+/// Index of a stenosis: the ventricle's peak pressure above the aorta's. A reflected wave raises the
+/// aorta's above the ventricle's.
+const PRESSURE_DROP: &str = "pressure_drop_to_aorta_mmHg";
+
 /// The whole finding in a paragraph.
 #[must_use]
 pub fn summary(found: &Discovered) -> String {
@@ -184,7 +188,8 @@ fn gap(found: &Discovered) -> String {
     )
 }
 
-/// Rivals that these data cannot exclude, and the measurements that would.
+/// Rivals that leave nearly the same traces, though these data prefer the named effect by the odds of a
+/// name, and the measurements that would decide. Rivals that the data do not exclude are in classes.
 fn rivals(found: &Discovered) -> Option<String> {
     let findings = &found.findings;
     if findings.confusable.is_empty() {
@@ -198,7 +203,7 @@ fn rivals(found: &Discovered) -> Option<String> {
         format!("; these measurements would decide: {list}")
     };
     Some(format!(
-        "These data cannot distinguish it from {}{next}.",
+        "Hard to tell from it in such data, though these prefer it: {}{next}.",
         rivals.join(", ")
     ))
 }
@@ -212,9 +217,14 @@ fn changes(found: &Discovered) -> Option<String> {
             "end_diastolic_volume_mL" => "EDV_mL",
             _ => return String::new(),
         };
+        let how = match short {
+            // Not the value of the patient's file, which may be a mean over some samples.
+            "EDP_mmHg" => "first sample of the trace",
+            _ => "measured",
+        };
         let gap = found.biomarkers.iter().find(|gap| gap.name == short);
         gap.map_or(String::new(), |gap| {
-            format!(" (measured: {})", digits(gap.measured))
+            format!(" ({how}: {})", digits(gap.measured))
         })
     };
     let mut list: Vec<&IndexChange> = (found.indices.iter())
@@ -228,6 +238,12 @@ fn changes(found: &Discovered) -> Option<String> {
             let space = if unit.is_empty() { "" } else { " " };
             let (after, before) = (digits(index.after), digits(index.before));
             let measured = measured(&index.name);
+            if index.name == PRESSURE_DROP && index.after < 0.0 {
+                let above = digits(-index.after);
+                return format!(
+                    "no pressure drop to the aorta, whose peak is {above} mmHg above the ventricle's, instead of a drop of {before}"
+                );
+            }
             format!(
                 "{} {after}{space}{unit} instead of {before}{measured}",
                 plain(label)
@@ -252,7 +268,7 @@ mod tests {
             "misses: atrial kick: amplitude 7.90 mmHg (6.25 to 9.50), probability 0.98",
             "volume in atrial systole, data 6.00 mL above the model (z 3.1)",
             "from 1.61 to 0.94 times the noise, and on held-out data from 1.72 to 1.10",
-            "cannot distinguish it from passive stiffening; these measurements would decide: atrial or wedge pressure.",
+            "Hard to tell from it in such data, though these prefer it: passive stiffening; these measurements would decide: atrial or wedge pressure.",
             "changes: filling pressure 8.50 mmHg instead of 12.5.",
         ] {
             assert!(text.contains(part), "{part} is not in {text}");
@@ -314,6 +330,15 @@ mod tests {
         filled.indices[0].name = "end_diastolic_volume_mL".to_owned();
         let text = summary(&filled);
         assert!(text.contains("instead of 12.5 (measured: 151)"), "{text}");
+        filled.indices[0].name = "pressure_drop_to_aorta_mmHg".to_owned();
+        filled.indices[0].after = -3.0;
+        let text = summary(&filled);
+        assert!(
+            text.contains(
+                "whose peak is 3.00 mmHg above the ventricle's, instead of a drop of 12.5"
+            ),
+            "{text}"
+        );
         let text = summary(&unexplained());
         assert!(
             text.contains("no effect of the catalogue explains the gap")

@@ -43,12 +43,12 @@ fn judged(case: &DiscoverCase, effect: &RankedEffect) -> (&'static str, Option<T
     let is_accepted = case.found.findings.accepted.contains(&effect.name);
     match (is_accepted, case.confirmed == Some(false), effect.artefact) {
         (true, true, true) => (
-            "accepted, not confirmed: correct the data",
+            "named, not confirmed: correct the data",
             Some(Tone::Doubtful),
         ),
-        (true, true, false) => ("accepted, not confirmed", Some(Tone::Doubtful)),
-        (true, false, true) => ("accepted: correct the data", Some(Tone::Good)),
-        (true, false, false) => ("accepted", Some(Tone::Good)),
+        (true, true, false) => ("named, not confirmed", Some(Tone::Doubtful)),
+        (true, false, true) => ("named: correct the data", Some(Tone::Good)),
+        (true, false, false) => ("named", Some(Tone::Good)),
         (false, ..) if effect.plausible => ("", None),
         (false, ..) => ("too weak or at the edge of its range", None),
     }

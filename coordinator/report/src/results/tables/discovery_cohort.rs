@@ -23,7 +23,7 @@ pub fn patients(cases: &DiscoverCases) -> Table {
         Column::fixed("after", 2),
         Column::fixed("heldout", 2).label("held out"),
         Column::fixed("heldout_after", 2).label("after"),
-        names("indistinguishable_from"),
+        names("indistinguishable_from").label("hard to tell from"),
     ];
     let mut table = Table::new("patients", "Patients", columns);
     for case in cases.values() {
@@ -48,7 +48,7 @@ pub fn patients(cases: &DiscoverCases) -> Table {
 pub fn pooled(cases: &DiscoverCases) -> Table {
     let columns = [
         names("effect"),
-        Column::figures("accepted_in"),
+        Column::figures("accepted_in").label("named in"),
         Column::numbers("pooled_evidence"),
         Column::words("attributed_to"),
         Column::words("dominated_by"),
