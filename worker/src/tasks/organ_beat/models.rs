@@ -7,7 +7,7 @@ use cardiotwin_models::beat::{BeatSettings, Beats};
 use cardiotwin_models::calcium::{Calcium, Rice2008, Rice2008Parameters, SampledCalcium};
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
 use cardiotwin_models::circulation::{ClosedLoop, LeftHeart, StartPressure};
-use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
+use cardiotwin_models::contraction::{OwnCell, StretchReference, Tanh, catalogue};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
 use cardiotwin_models::step_control::StepControl;
 use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OrganLaw};
@@ -192,7 +192,9 @@ pub(super) fn contraction(
             };
             land(cell, accuracy)?
         }
-        ContractionSpec::Catalogue { name, parameters } => of_catalogue(name, parameters)?,
+        ContractionSpec::Catalogue { name, parameters } => {
+            of_catalogue(name, parameters, cycle_length_ms)?
+        }
     };
     Ok(contraction.with_stretch(stretch_reference(spec.cell_stretch)))
 }
@@ -208,15 +210,22 @@ pub(super) fn has_calcium(spec: &OrganBeatSpec) -> bool {
     }
 }
 
-/// A model of the catalogue at rest. A model that needs calcium gets Rice's transient with its
-/// defaults.
+/// A model of the catalogue: at activation of its own cell, or at rest. A model that needs calcium and brings none gets Rice's
+/// transient with its defaults.
 fn of_catalogue(
     name: &str,
     parameters: &BTreeMap<String, f64>,
+    cycle_length_ms: f64,
 ) -> Result<GroupContraction, TaskError> {
     let model = catalogue::find(name)
         .and_then(|model| model.with(parameters))
         .map_err(TaskError::Contraction)?;
+    let own = model
+        .own_cell(cycle_length_ms)
+        .map_err(TaskError::Contraction)?;
+    if let Some(OwnCell { calcium, start }) = own {
+        return GroupContraction::new(model, Some(calcium), start).map_err(TaskError::Organ);
+    }
     let calcium: Option<Arc<dyn Calcium>> = if model.needs_calcium() {
         let rice = Rice2008::new(Rice2008Parameters::default()).map_err(CellError::Calcium)?;
         Some(Arc::new(rice))
