@@ -52,7 +52,8 @@ mod tests {
     fn beat(model: &dyn Contraction) -> Vec<f64> {
         let mut state = vec![0.0; model.n_states()];
         model.rest(&mut state);
-        let own = model.own_cell(800.0).unwrap();
+        let stretch = |ms: i32| 1.02 + 0.08 * (std::f64::consts::TAU * f64::from(ms) / 600.0).cos();
+        let own = model.own_cell(800.0, stretch(0)).unwrap();
         if let Some(own) = &own {
             state.copy_from_slice(&own.start);
         }
@@ -61,7 +62,6 @@ mod tests {
                 .map_or(0.2, |own| own.calcium.concentration_um(f64::from(ms)))
         };
         let mut trial = state.clone();
-        let stretch = |ms: i32| 1.02 + 0.08 * (std::f64::consts::TAU * f64::from(ms) / 600.0).cos();
         (1..=800)
             .map(|ms| {
                 let step = NodeStep {

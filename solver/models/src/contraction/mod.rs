@@ -151,11 +151,18 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
     /// Fills `state` (length [`Self::n_states`]) with the resting state.
     fn rest(&self, state: &mut [f64]);
 
-    /// The periodic beat of the model's own cell at a cycle length \[ms\]; `None` for a model that brings no calcium.
+    /// The periodic beat of the model's own cell; `None` for a model that brings no calcium.
+    ///
+    /// - `cycle_length_ms`: of the patient
+    /// - `end_diastolic_stretch`: at which the cell is held, from the model's reference length
     ///
     /// # Errors
     /// [`ContractionError::Pacing`] or [`ContractionError::Calcium`] for a cell that has no such beat.
-    fn own_cell(&self, _cycle_length_ms: f64) -> Result<Option<OwnCell>, ContractionError> {
+    fn own_cell(
+        &self,
+        _cycle_length_ms: f64,
+        _end_diastolic_stretch: f64,
+    ) -> Result<Option<OwnCell>, ContractionError> {
         Ok(None)
     }
 

@@ -1,8 +1,8 @@
 //! ToR-ORd-Land: Land 2017 driven by the calcium of its own human cell, in which its troponin is the buffer.
 //!
-//! The cell is paced at the patient's cycle length, held at one stretch, until its calcium repeats ([`crate::tor_ord`]). In
-//! the organ every point takes this calcium, and Land's model follows the point's stretch: what the organ's shortening would
-//! release from troponin does not reach the calcium, and no current follows the stretch.
+//! The cell is paced at the patient's cycle length, held at the stretch of end-diastole, until its calcium repeats
+//! ([`crate::tor_ord`]). In the organ every point takes this calcium, and Land's model follows the point's stretch: what the
+//! organ's shortening would release from troponin does not reach the calcium.
 
 use std::sync::Arc;
 
@@ -18,9 +18,9 @@ use crate::calcium::SampledCalcium;
 use crate::parameter::Domain;
 use crate::tor_ord::{CellType, Factors, Outside, SAMPLE_MS, TorOrd, Troponin};
 
-/// Parameters of the cell before those of Land's model: factors, bath, stretch.
+/// Parameters of the cell before those of Land's model: factors and bath.
 const N_FACTORS: usize = Factors::TABLE.len();
-const N_OF_CELL: usize = N_FACTORS + 4;
+const N_OF_CELL: usize = N_FACTORS + 3;
 const N_PARAMETERS: usize = N_OF_CELL + Land2017Parameters::TABLE.len();
 
 /// Margara's changes of Land's defaults: blocking that is slower and less cooperative.
@@ -65,12 +65,6 @@ static PARAMETERS: [ModelParameter; N_PARAMETERS] = {
         "K_o_mM",
         "potassium of the bath",
         bath.k_mm,
-        Domain::Positive,
-    );
-    all[idx + 3] = parameter(
-        "lambda_0",
-        "stretch at which the cell is held while it is paced",
-        1.0,
         Domain::Positive,
     );
     idx = 0;
@@ -153,7 +147,6 @@ struct TorOrdLand {
     cell_type: CellType,
     factors: Factors,
     outside: Outside,
-    stretch: f64,
 }
 
 impl TorOrdLand {
@@ -173,7 +166,6 @@ impl TorOrdLand {
                 ca_mm: of_cell[N_FACTORS + 1],
                 k_mm: of_cell[N_FACTORS + 2],
             },
-            stretch: of_cell[N_FACTORS + 3],
         })
     }
 }
@@ -191,14 +183,18 @@ impl Contraction for TorOrdLand {
         self.land.rest(state);
     }
 
-    fn own_cell(&self, cycle_length_ms: f64) -> Result<Option<OwnCell>, ContractionError> {
+    fn own_cell(
+        &self,
+        cycle_length_ms: f64,
+        end_diastolic_stretch: f64,
+    ) -> Result<Option<OwnCell>, ContractionError> {
         let cell = TorOrd::new(
             self.cell_type,
             self.factors,
             self.outside,
             Troponin::Land,
             &self.land,
-            self.stretch,
+            end_diastolic_stretch,
         );
         let beat = cell.periodic(cycle_length_ms)?;
         let start = beat.start.land().to_vec();
@@ -263,7 +259,7 @@ mod tests {
         let with = |ca50_um: f64| {
             let parameters: BTreeMap<_, _> = [("Ca50_ref_uM".to_owned(), ca50_um)].into();
             let model = endocardial::MODEL.with(&parameters).unwrap();
-            let own = model.own_cell(1000.0).unwrap().unwrap();
+            let own = model.own_cell(1000.0, 1.0).unwrap().unwrap();
             let peak_um = (0..1000)
                 .map(|ms| own.calcium.concentration_um(f64::from(ms)))
                 .fold(0.0, f64::max);
@@ -277,7 +273,7 @@ mod tests {
     #[test]
     fn a_cell_without_a_periodic_beat_is_an_error() {
         let model = endocardial::MODEL.with(&BTreeMap::new()).unwrap();
-        let error = model.own_cell(250.0).unwrap_err();
+        let error = model.own_cell(250.0, 1.0).unwrap_err();
         assert!(matches!(error, ContractionError::Pacing(_)), "{error}");
     }
 
