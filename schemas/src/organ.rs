@@ -50,10 +50,10 @@ pub enum ContractionSpec {
         /// File with calcium from activation on, columns `time_ms` and `Ca_uM`.
         calcium: InputFile,
     },
-    /// Another model of the catalogue, driven by the time since activation or by Rice's default
-    /// calcium transient.
+    /// Another model of the catalogue, driven by the time since activation, by the calcium of its
+    /// own cell, or by Rice's default transient.
     Catalogue {
-        /// Name in the catalogue, for example `bestel-clement-sorine`.
+        /// Name in the catalogue, for example `bestel-clement-sorine` or `tor-ord-land`.
         name: String,
         /// Parameters that differ from the defaults. The keys carry their units.
         #[serde(default)]

@@ -26,4 +26,5 @@ pub mod parameter;
 pub mod periodic;
 pub mod roots;
 pub mod step_control;
+pub mod tor_ord;
 pub mod ventricle;

@@ -63,7 +63,8 @@ pub struct SimulateArgs {
     /// The same as --as step2
     #[arg(long, conflicts_with = "as")]
     cell: bool,
-    /// Use a contraction model of the catalogue instead of Tanh, for example bestel-clement-sorine
+    /// Use a contraction model of the catalogue instead of Tanh, for example bestel-clement-sorine or
+    /// tor-ord-land; the answer to an unknown name has all of them
     #[arg(long, value_name = "MODEL", conflicts_with_all = ["cell", "as"])]
     contraction: Option<String>,
     /// Write traces.csv, nodal.csv, spec.json and outcome.json into this folder

@@ -44,13 +44,13 @@ pub const MODEL: ContractionModel = ContractionModel {
         },
     ],
     build: |values| {
-        Box::new(BestelClementSorine {
+        Ok(Box::new(BestelClementSorine {
             sigma_0_kpa: values[0],
             alpha_max_per_ms: 1e-3 * values[1],
             alpha_min_per_ms: 1e-3 * values[2],
             t_off_ms: values[3],
             gamma_ms: values[4],
-        })
+        }))
     },
 };
 

@@ -18,8 +18,8 @@ pub struct ContractionModel {
     pub source: &'static str,
     /// Parameters, in the order in which `build` takes their values.
     pub parameters: &'static [ModelParameter],
-    /// Makes the model from one value for each parameter.
-    pub build: fn(&[f64]) -> Box<dyn Contraction>,
+    /// Makes the model from one value for each parameter, or says which values do not go together.
+    pub build: fn(&[f64]) -> Result<Box<dyn Contraction>, ContractionError>,
 }
 
 /// One parameter of a model in the catalogue.
@@ -39,8 +39,8 @@ impl ContractionModel {
     /// The model with parameters by name; absent parameters have their default.
     ///
     /// # Errors
-    /// [`ContractionError::UnknownParameter`] for a name that the model lacks, [`ContractionError::Parameter`] for a value
-    /// that its equations do not admit.
+    /// [`ContractionError::UnknownParameter`] for a name that the model lacks, [`ContractionError::Parameter`] and others for
+    /// values that its equations do not admit.
     pub fn with(
         &self,
         parameters: &BTreeMap<String, f64>,
@@ -69,6 +69,6 @@ impl ContractionModel {
             }
             values.push(value);
         }
-        Ok((self.build)(&values))
+        (self.build)(&values)
     }
 }

@@ -10,11 +10,17 @@ mod declaration;
 pub mod land2017;
 mod reference;
 pub mod tanh;
+mod tor_ord_land;
 
 pub use declaration::{ContractionModel, ModelParameter};
 pub use land2017::{LAMBDA_CAP, Land2017, Land2017Parameters};
 pub use reference::StretchReference;
 pub use tanh::{Tanh, TanhParameters};
+
+use std::sync::Arc;
+
+use crate::calcium::{Calcium, CalciumError};
+use crate::tor_ord::PacingError;
 
 /// One node's time step: what the cell sees while the stretch goes linearly from `lambda_prev` to `lambda`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +131,15 @@ fn in_turn<C: Contraction + ?Sized>(
     Ok(())
 }
 
+/// The periodic beat of a model's own cell.
+#[derive(Debug, Clone)]
+pub struct OwnCell {
+    /// Calcium from activation on.
+    pub calcium: Arc<dyn Calcium>,
+    /// States of contraction at activation.
+    pub start: Vec<f64>,
+}
+
 /// A model of active stress.
 pub trait Contraction: std::fmt::Debug + Send + Sync {
     /// Number of state variables of one node.
@@ -135,6 +150,21 @@ pub trait Contraction: std::fmt::Debug + Send + Sync {
 
     /// Fills `state` (length [`Self::n_states`]) with the resting state.
     fn rest(&self, state: &mut [f64]);
+
+    /// The periodic beat of the model's own cell; `None` for a model that brings no calcium.
+    ///
+    /// - `cycle_length_ms`: of the patient
+    /// - `end_diastolic_stretch`: at which the cell is held, from the model's reference length
+    ///
+    /// # Errors
+    /// [`ContractionError::Pacing`] or [`ContractionError::Calcium`] for a cell that has no such beat.
+    fn own_cell(
+        &self,
+        _cycle_length_ms: f64,
+        _end_diastolic_stretch: f64,
+    ) -> Result<Option<OwnCell>, ContractionError> {
+        Ok(None)
+    }
 
     /// Factor of the active stress that depends on the stretch alone, with its slope: what scales an activation that an
     /// effect prolongs. One where the model has no such factor.
@@ -242,6 +272,12 @@ pub enum ContractionError {
         /// Fibre stretch at which the sensitivity is lost.
         lambda: f64,
     },
+    /// The model's own cell has no periodic beat.
+    #[error(transparent)]
+    Pacing(#[from] PacingError),
+    /// The calcium of the model's own cell is no transient.
+    #[error(transparent)]
+    Calcium(#[from] CalciumError),
     /// The step ended in a state that is not finite.
     #[error(
         "the state is not finite {since_activation_ms} ms after activation, at fibre stretch {lambda}"

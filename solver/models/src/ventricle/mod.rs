@@ -13,7 +13,7 @@ pub use group_contraction::{GroupContraction, NodeContraction};
 pub use one_fibre::{
     CavityPressureTerm, OneFibreParameters, OneFibreVentricle, steps_before_the_beat,
 };
-pub use organ_law::OrganLaw;
+pub use organ_law::{OrganLaw, end_diastolic_stretch};
 pub use passive_state::{
     DiastasisPoint, OneFibrePassive, PassiveLaw, PassiveStateInput, PassiveStateMode,
 };

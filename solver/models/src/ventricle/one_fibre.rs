@@ -6,7 +6,7 @@
 //! Sa/(f·Cf) f⊗f is a Cauchy fibre stress of Sa.
 
 use super::law_wall::LawWall;
-use super::organ_law::OrganLaw;
+use super::organ_law::{OrganLaw, end_diastolic_stretch};
 use super::passive_state::{
     OneFibrePassive, PassiveLaw as _, pressure_per_stress, stress_at_stretch, stretch,
     stretch_ratio,
@@ -186,10 +186,7 @@ impl OneFibreVentricle {
         let volume_ml = passive.end_diastolic_volume_ml;
         let cells = contraction.start_state.repeat(n);
         let stretch_ratio = stretch_ratio(&passive);
-        let end_diastolic = match &law {
-            Some(law) => law.end_diastolic_stretch(&passive),
-            None => stretch_ratio,
-        };
+        let end_diastolic = end_diastolic_stretch(&passive, law.as_deref());
         let cell_stretch = contraction.stretch.at_end_diastole(end_diastolic);
         let wall = law.map(|law| {
             LawWall::new(

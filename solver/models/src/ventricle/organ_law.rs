@@ -31,7 +31,9 @@
 //! elastance; here the contraction model stays outside of the law, so that cells can be fitted in it.
 
 use super::ActivationSpread;
-use super::passive_state::{OneFibrePassive, pressure_per_stress, stress_at_stretch, stretch};
+use super::passive_state::{
+    OneFibrePassive, pressure_per_stress, stress_at_stretch, stretch, stretch_ratio,
+};
 use cardiotwin_units::MMHG_PER_KPA;
 use serde::{Deserialize, Serialize};
 
@@ -250,6 +252,15 @@ fn unloaded_stretch(passive: &OneFibrePassive, volume_ml: f64) -> (f64, f64) {
         passive.unloaded_volume_ml,
         passive.wall_volume_ml,
     )
+}
+
+/// Mean stretch at end-diastole from the unloaded wall: that of the law, or of the one-fibre ventricle.
+#[must_use]
+pub fn end_diastolic_stretch(passive: &OneFibrePassive, law: Option<&OrganLaw>) -> f64 {
+    match law {
+        Some(law) => law.end_diastolic_stretch(passive),
+        None => stretch_ratio(passive),
+    }
 }
 
 impl OrganLaw {

@@ -17,7 +17,9 @@ use cardiotwin_models::cell0d::CellSolverSettings;
 use cardiotwin_models::circulation::Circulation;
 use cardiotwin_models::effects::{InThreeDimensionsParts, Surroundings, in_three_dimensions};
 use cardiotwin_models::ventricle::passive_state::DEFAULT_EXPONENT;
-use cardiotwin_models::ventricle::{OneFibrePassive, PassiveLaw as _, Ventricle as _};
+use cardiotwin_models::ventricle::{
+    OneFibrePassive, PassiveLaw as _, Ventricle as _, end_diastolic_stretch,
+};
 use cardiotwin_schemas::finite_element::{
     EquationSettings, FiniteElementOrgan, FiniteElementSettings,
 };
@@ -510,7 +512,8 @@ fn effected(
         heart: left_heart(spec),
         onset: Ms(figures.onset_ms),
     };
-    let contraction = contraction(spec, &CellSolverSettings::default())?;
+    let held = end_diastolic_stretch(&reference, None);
+    let contraction = contraction(spec, &CellSolverSettings::default(), held)?;
     let effects = effects(&spec.circulation.effects)?;
     let closed = closed_loop(spec, figures.onset_ms);
     let around = (&surroundings, closed.as_ref());

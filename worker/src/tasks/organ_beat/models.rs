@@ -7,10 +7,12 @@ use cardiotwin_models::beat::{BeatSettings, Beats};
 use cardiotwin_models::calcium::{Calcium, Rice2008, Rice2008Parameters, SampledCalcium};
 use cardiotwin_models::cell0d::{CalciumInput, CellError, CellParameters, CellSolverSettings};
 use cardiotwin_models::circulation::{ClosedLoop, LeftHeart, StartPressure};
-use cardiotwin_models::contraction::{StretchReference, Tanh, catalogue};
+use cardiotwin_models::contraction::{OwnCell, StretchReference, Tanh, catalogue};
 use cardiotwin_models::effects::{Assembled, BaseModel, EffectSetting, assemble};
 use cardiotwin_models::step_control::StepControl;
-use cardiotwin_models::ventricle::{ActivationSpread, GroupContraction, OrganLaw};
+use cardiotwin_models::ventricle::{
+    ActivationSpread, GroupContraction, OrganLaw, end_diastolic_stretch,
+};
 use cardiotwin_schemas::finite_element::EquationSettings;
 use cardiotwin_schemas::organ::{
     ActivationSpec, BeatCount, CellStretch, ContractionSpec, EffectSpec, OneFibrePassive,
@@ -66,7 +68,11 @@ pub fn reduced(spec: &OrganBeatSpec, organ: &ReducedOrgan) -> Result<Assembled, 
             spread: Ms(activation.spread_ms),
             n_groups: activation.groups as usize,
         },
-        contraction: contraction(spec, &organ.cell_solver)?,
+        contraction: contraction(
+            spec,
+            &organ.cell_solver,
+            end_diastolic_stretch(&organ.passive, organ.law.as_deref()),
+        )?,
         inertances: [0.0; 2],
         closed: closed_loop(spec, activation.onset_ms),
         law: organ.law.clone(),
@@ -157,11 +163,14 @@ pub(super) fn effects(specs: &[EffectSpec]) -> Result<Vec<EffectSetting>, TaskEr
 /// Contraction of a beat.
 ///
 /// - `accuracy`: that of the periodic cell from which the groups start
+/// - `end_diastolic_stretch`: from the unloaded wall, at which a model's own cell is held
 pub(super) fn contraction(
     spec: &OrganBeatSpec,
     accuracy: &CellSolverSettings,
+    end_diastolic_stretch: f64,
 ) -> Result<GroupContraction, TaskError> {
     let cycle_length_ms = spec.cycle_length_ms;
+    let reference = stretch_reference(spec.cell_stretch);
     let contraction = match &spec.contraction {
         ContractionSpec::Tanh { parameters } => Tanh::new(*parameters)
             .map(GroupContraction::tanh)
@@ -192,9 +201,12 @@ pub(super) fn contraction(
             };
             land(cell, accuracy)?
         }
-        ContractionSpec::Catalogue { name, parameters } => of_catalogue(name, parameters)?,
+        ContractionSpec::Catalogue { name, parameters } => {
+            let held = reference.at_end_diastole(end_diastolic_stretch);
+            of_catalogue(name, parameters, cycle_length_ms, held)?
+        }
     };
-    Ok(contraction.with_stretch(stretch_reference(spec.cell_stretch)))
+    Ok(contraction.with_stretch(reference))
 }
 
 /// Whether the contraction model has calcium.
@@ -208,15 +220,23 @@ pub(super) fn has_calcium(spec: &OrganBeatSpec) -> bool {
     }
 }
 
-/// A model of the catalogue at rest. A model that needs calcium gets Rice's transient with its
-/// defaults.
+/// A model of the catalogue: at activation of its own cell, or at rest. A model that needs calcium and brings none gets Rice's
+/// transient with its defaults.
 fn of_catalogue(
     name: &str,
     parameters: &BTreeMap<String, f64>,
+    cycle_length_ms: f64,
+    end_diastolic_stretch: f64,
 ) -> Result<GroupContraction, TaskError> {
     let model = catalogue::find(name)
         .and_then(|model| model.with(parameters))
         .map_err(TaskError::Contraction)?;
+    let own = model
+        .own_cell(cycle_length_ms, end_diastolic_stretch)
+        .map_err(TaskError::Contraction)?;
+    if let Some(OwnCell { calcium, start }) = own {
+        return GroupContraction::new(model, Some(calcium), start).map_err(TaskError::Organ);
+    }
     let calcium: Option<Arc<dyn Calcium>> = if model.needs_calcium() {
         let rice = Rice2008::new(Rice2008Parameters::default()).map_err(CellError::Calcium)?;
         Some(Arc::new(rice))
