@@ -11,7 +11,6 @@ use cardiotwin_sweep::discovery::overlay::OverlayError;
 
 use super::exit::Exit;
 use super::mesh_error::{MeshFileCommandError, MmgError};
-use super::talk::count;
 
 /// Error that ends a command.
 #[derive(Debug, thiserror::Error)]
@@ -41,7 +40,7 @@ pub enum CliError {
         errors: String,
     },
     /// A trace has errors, which were printed one by one.
-    #[error("{} in the traces; nothing was fitted", count(*n_errors, "error"))]
+    #[error("nothing was fitted; errors in the traces: {n_errors}")]
     Trace {
         /// Number of errors.
         n_errors: usize,

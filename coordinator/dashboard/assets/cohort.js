@@ -23,7 +23,7 @@ const columns = [
   { key: "step", title: "step", value: (row) => row.step, cell: (row) => row.step },
   { key: "state", title: "state", value: (row) => STATES[row.state].rank, cell: (row) => [row.state, STATES[row.state].tone] },
   {
-    key: "iteration", title: "step-1 iter.", right: true, value: (row) => (row.iteration ? row.iteration[0] : null),
+    key: "iteration", title: "in step 1", right: true, value: (row) => (row.iteration ? row.iteration[0] : null),
     cell: (row) => (row.iteration ? `${row.iteration[0]}/${row.iteration[1]}` : "-"),
   },
   { key: "cost", title: "cost", right: true, value: cost, cell: (row) => number(cost(row)) },

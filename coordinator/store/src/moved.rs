@@ -2,9 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use super::writer::RUN_DIR;
-use super::{Reader, StoreError};
-
 /// File by which a cohort's folder is recognised.
 const COHORT: &str = "cohort.toml";
 
@@ -18,8 +15,10 @@ pub struct MovedCohort {
 }
 
 impl MovedCohort {
+    /// The cohort of a run whose folder was copied or moved with it; `None` for any other run.
+    ///
     /// - `was_run`, `is_run`: absolute folders of the run
-    fn of(was_run: &Path, is_run: &Path) -> Option<Self> {
+    pub(super) fn of(was_run: &Path, is_run: &Path) -> Option<Self> {
         let (was, is) = (was_run.parent()?, is_run.parent()?);
         let same_name = was_run.file_name() == is_run.file_name();
         let stayed = was == is || was.canonicalize().ok() == is.canonicalize().ok();
@@ -38,18 +37,6 @@ impl MovedCohort {
             format!("\"path\":{}", text.trim_end_matches('"'))
         };
         text.replace(&below(&moved.was), &below(&moved.is))
-    }
-}
-
-impl Reader {
-    /// The cohort's former and present folder, where the run lies in a cohort's folder that was copied
-    /// or moved since the run last worked; `None` where the files lie as the run read them.
-    ///
-    /// # Errors
-    /// [`StoreError`] if the database cannot be read.
-    pub async fn moved_cohort(&self) -> Result<Option<MovedCohort>, StoreError> {
-        let was = PathBuf::from(self.meta(RUN_DIR).await?);
-        Ok(MovedCohort::of(&was, self.run_dir()))
     }
 }
 

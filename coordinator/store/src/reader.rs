@@ -595,6 +595,16 @@ impl Reader {
         Ok(self.meta("cohort_dir").await?.into())
     }
 
+    /// The cohort's former and present folder, where the run lies in a cohort's folder that was copied
+    /// or moved since the run last worked; `None` where the files lie as the run read them.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the database cannot be read.
+    pub async fn moved_cohort(&self) -> Result<Option<MovedCohort>, StoreError> {
+        let was = PathBuf::from(self.meta(writer::RUN_DIR).await?);
+        Ok(MovedCohort::of(&was, &self.run_dir))
+    }
+
     pub(super) async fn meta(&self, key: &'static str) -> Result<String, StoreError> {
         let mut database = self.database.lock().await;
         let value: Option<String> = sqlx::query_scalar("SELECT value FROM meta WHERE key = ?1")

@@ -14,7 +14,7 @@ pub fn columns(member: &'static str) -> [Column; 7] {
         Column::words("patient").label(member),
         Column::words("step"),
         Column::words("state"),
-        Column::words("iteration").label("step-1 iteration"),
+        Column::words("iteration").label("in step 1"),
         Column::numbers("cost"),
         Column::numbers("for_s")
             .label("time in state")

@@ -260,7 +260,7 @@ mod tests {
         let html = section(&case("P<1>", kick()), "patient").into_string();
         for part in [
             "P&lt;1&gt;",
-            "●</span> accepted",
+            "●</span> named",
             "whole beat",
             "whole heart volume",
             "with atrial kick",
@@ -380,14 +380,14 @@ mod tests {
                 .into();
             let html = section(&cases["P1"], "patient").into_string();
             for part in [
-                "▲</span> accepted, not confirmed",
+                "▲</span> named, not confirmed",
                 "<span class=\"badge\">atrial kick (not confirmed on held-out data)</span>",
                 "with atrial kick (not confirmed on held-out data)",
                 "held-out pressure and volume",
             ] {
                 assert!(html.contains(part), "{part} is not in {html}");
             }
-            assert!(!html.contains("●</span> accepted"), "{html}");
+            assert!(!html.contains("●</span> named"), "{html}");
             let html = cohort(&cases).into_string();
             assert!(
                 html.contains("2 of 2, 1 not confirmed")
