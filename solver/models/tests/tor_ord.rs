@@ -72,7 +72,14 @@ fn case(of: &Value) -> Case {
     }
     Case {
         name: of["name"].as_str().unwrap().to_owned(),
-        cell: TorOrd::new(cell_type, factors, outside, troponin, &land(), 1.0),
+        cell: TorOrd::new(
+            cell_type,
+            factors,
+            outside,
+            troponin,
+            land().equations(),
+            1.0,
+        ),
         cycle_ms: of["cycle_ms"].as_f64().unwrap(),
         n_beats: of["n_beats"].as_u64().unwrap(),
         start,
