@@ -9,7 +9,7 @@ use super::{CellType, Factors, Outside, Troponin};
 use crate::contraction::land2017::Equations;
 
 /// Error of a step of first order, relative to a state's size, at which the step of second order is accepted. Steps of half
-/// the length move peak calcium and the action potential by a few tenths of a percent at most (`shorter_steps_…`).
+/// the length move peak calcium and the action potential by less than half a percent (`steps_of_half_the_length_…`).
 pub const TOLERANCE: f64 = 3e-3;
 /// Beats across which calcium must have stayed the same.
 const N_COMPARED: usize = 10;
