@@ -72,7 +72,14 @@ fn case(of: &Value) -> Case {
     }
     Case {
         name: of["name"].as_str().unwrap().to_owned(),
-        cell: TorOrd::new(cell_type, factors, outside, troponin, &land(), 1.0),
+        cell: TorOrd::new(
+            cell_type,
+            factors,
+            outside,
+            troponin,
+            land().equations(),
+            1.0,
+        ),
         cycle_ms: of["cycle_ms"].as_f64().unwrap(),
         n_beats: of["n_beats"].as_u64().unwrap(),
         start,
@@ -180,9 +187,9 @@ fn marks_from(case: &Case, start: &State, cycle_ms: f64, tolerance: f64) -> [f64
 
 #[track_caller]
 fn assert_near(name: &str, found: [f64; 2], expected: [f64; 2], permille: [f64; 2]) {
-    for k in 0..2 {
-        let off = 1e3 * (found[k] / expected[k] - 1.0).abs();
-        assert!(off < permille[k], "{name}: {found:?} {expected:?}");
+    for ((found, expected), permille) in found.iter().zip(expected).zip(permille) {
+        let off = 1e3 * (found / expected - 1.0).abs();
+        assert!(off < permille, "{name}: {found} for {expected}");
     }
 }
 

@@ -193,7 +193,7 @@ impl Contraction for TorOrdLand {
             self.factors,
             self.outside,
             Troponin::Land,
-            &self.land,
+            self.land.equations(),
             end_diastolic_stretch,
         );
         let beat = cell.periodic(cycle_length_ms)?;

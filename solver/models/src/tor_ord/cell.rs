@@ -6,10 +6,10 @@ use super::state::State;
 use super::step::{SAMPLE_MS, beat};
 use super::table::Table;
 use super::{CellType, Factors, Outside, Troponin};
-use crate::contraction::Land2017;
+use crate::contraction::land2017::Equations;
 
 /// Error of a step of first order, relative to a state's size, at which the step of second order is accepted. Steps of half
-/// the length move peak calcium and the action potential by a few tenths of a percent at most (`shorter_steps_…`).
+/// the length move peak calcium and the action potential by less than half a percent (`steps_of_half_the_length_…`).
 pub const TOLERANCE: f64 = 3e-3;
 /// Beats across which calcium must have stayed the same.
 const N_COMPARED: usize = 10;
@@ -75,7 +75,7 @@ impl TorOrd {
         factors: Factors,
         outside: Outside,
         troponin: Troponin,
-        land: &Land2017,
+        land: &Equations,
         stretch: f64,
     ) -> Self {
         let strengths = Strengths::new(cell_type, &factors, &outside, troponin);
@@ -86,7 +86,7 @@ impl TorOrd {
                 factors,
                 outside,
                 strengths,
-                land: *land.equations(),
+                land: *land,
                 troponin,
                 stretch,
             },

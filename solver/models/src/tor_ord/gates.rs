@@ -229,13 +229,13 @@ impl Herg {
         let a = self.scaled(h_ms);
         let mut system = [[0.0; 5]; 5];
         for (row, (system_row, a_row)) in system.iter_mut().zip(&a).enumerate() {
-            for column in 0..5 {
+            for (column, entry) in system_row.iter_mut().enumerate() {
                 let mut squared = 0.0;
-                for k in 0..5 {
-                    squared += a_row[k] * a[k][column];
+                for (factor, other) in a_row.iter().zip(&a) {
+                    squared += factor * other[column];
                 }
                 let unit = f64::from(u8::from(row == column));
-                system_row[column] = unit - a_row[column] + 0.5 * squared;
+                *entry = unit - a_row[column] + 0.5 * squared;
             }
         }
         solved(system, *x)

@@ -53,7 +53,7 @@ pub(super) struct Rates {
     pub land: [f64; 6],
 }
 
-/// Unbound over total where one kind of site binds: 1 + B K/(K + c)².
+/// Bound calcium per change of free calcium at one kind of site, B K/(K + c)².
 fn binding(sites_mm: f64, half_mm: f64, free_mm: f64) -> f64 {
     sites_mm * half_mm / (half_mm + free_mm).powi(2)
 }

@@ -69,10 +69,9 @@ fn advanced(state: &State, rates: &Rates, h_ms: f64) -> (State, [f64; gate::N]) 
     for (left, per_ms) in left.iter_mut().zip(&rates.gates.per_ms) {
         *left = exp::<false>(-h_ms * per_ms);
     }
-    for k in 0..gate::N {
-        let target = rates.gates.target[k];
-        let x = &mut out.0[GATES.start + k];
-        *x = target + (*x - target) * left[k];
+    let gates = out.0[GATES].iter_mut().zip(&rates.gates.target).zip(&left);
+    for ((x, target), left) in gates {
+        *x = target + (*x - target) * left;
     }
     out.0[HERG].copy_from_slice(&rates.herg.after(&state.herg(), h_ms));
     for k in 0..6 {
