@@ -16,7 +16,7 @@ use cardiotwin_schemas::task::{AttemptSpec, TaskSpec};
 
 use crate::error::TaskError;
 use crate::provenance::VERSION;
-use crate::tasks::proposal::{features, law_wall, learnable_beats};
+use crate::tasks::surrogate::{features, law_wall, learnable_beats};
 
 /// Learns a law from the directories of published finite-element beats. Directories of other beats
 /// are left out.

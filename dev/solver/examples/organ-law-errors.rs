@@ -18,7 +18,7 @@ use cardiotwin_schemas::organ::{CellStretch, OrganSpec, StretchOrigin};
 use cardiotwin_schemas::organ_law::LawSamples;
 use cardiotwin_schemas::outcome::{Ending, TaskOutcome, TaskResult};
 use cardiotwin_schemas::task::{AttemptSpec, OrganBeatSpec, TaskSpec};
-use cardiotwin_worker::tasks::proposal::{features, law_wall, learnable_beats};
+use cardiotwin_worker::tasks::surrogate::{features, law_wall, learnable_beats};
 use nalgebra::{DMatrix, DVector};
 
 /// Share of the largest singular value below which a direction of a regression is left out.

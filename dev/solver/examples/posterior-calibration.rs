@@ -27,7 +27,8 @@ use cardiotwin_worker::context::Context;
 use cardiotwin_worker::tasks::organ_beat::{ReducedOrgan, reduced_beat};
 use cardiotwin_worker::tasks::posterior;
 use cardiotwin_worker::tasks::proposal::axes::{Axis, axes, is_sensitive, named};
-use cardiotwin_worker::tasks::proposal::{step3, surrogate};
+use cardiotwin_worker::tasks::proposal::step3;
+use cardiotwin_worker::tasks::surrogate::surrogate;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 

@@ -8,7 +8,7 @@ use cardiotwin_schemas::task::{LEARN_LAW, LearnLawSpec};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::learn::learned;
-use crate::tasks::proposal::prior_of;
+use crate::tasks::surrogate::prior_of;
 
 /// Learns the law and writes its file.
 ///

@@ -8,6 +8,7 @@ pub mod organ_beat;
 pub mod passive_state;
 pub mod posterior;
 pub mod proposal;
+pub mod surrogate;
 pub mod sweep;
 pub mod targets;
 

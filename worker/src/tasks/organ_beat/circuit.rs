@@ -19,7 +19,7 @@ use cardiotwin_units::{Ml, Mmhg, Ms};
 use super::models::{ReducedOrgan, reduced, settings};
 use super::result::Seen;
 use crate::error::TaskError;
-use crate::tasks::proposal::surrogate;
+use crate::tasks::surrogate::surrogate;
 
 /// Largest change over a beat (mL, mmHg, mL/s, kPa), and largest distance from the filling's target (mL
 /// or mmHg), at which a search ends: well below the change that counts as periodic, since volumes of a

@@ -7,7 +7,7 @@ mod circuit;
 mod external;
 mod finite_element;
 mod late_sector;
-mod models;
+pub(crate) mod models;
 mod potentials;
 mod result;
 

@@ -10,7 +10,7 @@ use cardiotwin_schemas::step3::Step3Settings;
 
 use super::*;
 use crate::tasks::organ_beat::reduced_beat;
-use crate::tasks::proposal::surrogate;
+use crate::tasks::surrogate::surrogate;
 use crate::tasks::sweep::organ::tests::beat;
 
 /// A heart with its own cell, two of whose parameters are uncertain.

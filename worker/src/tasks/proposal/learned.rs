@@ -6,8 +6,8 @@ use cardiotwin_models::ventricle::{OneFibrePassive, OrganLaw};
 use cardiotwin_schemas::organ_law::{LawBeatFit, LawCurve, LawError, LawSamples, LearnedLaw};
 use cardiotwin_schemas::task::{InputFile, OrganBeatSpec};
 
-use super::{law_organ, learnable_beats, prior_of};
 use crate::error::TaskError;
+use crate::tasks::surrogate::{law_organ, learnable_beats, prior_of};
 
 /// Mean active stresses of the curves \[kPa\].
 const CURVES_KPA: [f64; 7] = [0.0, 10.0, 20.0, 40.0, 60.0, 80.0, 120.0];
@@ -79,7 +79,7 @@ fn pressures(law: &OrganLaw, wall: &OneFibrePassive, beat: &LawBeat<'_>) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tasks::proposal::{features, law_wall};
+    use crate::tasks::surrogate::{features, law_wall};
     use crate::tasks::sweep::organ::tests::beat;
     use cardiotwin_calibrate::organ_law::shipped_prior;
     use cardiotwin_schemas::finite_element::{FiniteElementOrgan, VentricleFigures};

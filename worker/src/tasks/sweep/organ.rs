@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::model::Model;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
-use crate::tasks::proposal::known_surrogate;
+use crate::tasks::surrogate::known_surrogate;
 
 /// Base beat, from which the samples differ in the swept parameters.
 pub(super) struct Beats {
