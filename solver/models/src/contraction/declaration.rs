@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use super::{Contraction, ContractionError};
 use crate::parameter::Domain;
 
+/// Makes a model from one value for each of its parameters.
+pub type Build = fn(&[f64]) -> Result<Box<dyn Contraction>, ContractionError>;
+
 /// An entry of the catalogue.
 #[derive(Debug, Clone, Copy)]
 pub struct ContractionModel {
@@ -19,7 +22,7 @@ pub struct ContractionModel {
     /// Parameters, in the order in which `build` takes their values.
     pub parameters: &'static [ModelParameter],
     /// Makes the model from one value for each parameter, or says which values do not go together.
-    pub build: fn(&[f64]) -> Result<Box<dyn Contraction>, ContractionError>,
+    pub build: Build,
 }
 
 /// One parameter of a model in the catalogue.

@@ -264,8 +264,9 @@ fn solved(mut a: [[f64; 5]; 5], mut b: [f64; 5]) -> [f64; 5] {
     for k in 0..5 {
         for row in k + 1..5 {
             let factor = a[row][k] / a[k][k];
-            for column in k..5 {
-                a[row][column] -= factor * a[k][column];
+            let pivot = a[k];
+            for (value, of_pivot) in a[row].iter_mut().zip(pivot).skip(k) {
+                *value -= factor * of_pivot;
             }
             b[row] -= factor * b[k];
         }

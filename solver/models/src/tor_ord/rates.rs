@@ -11,8 +11,9 @@ use crate::contraction::land2017::Equations;
 const PER_VOLUME: [f64; 2] = {
     const RADIUS_CM: f64 = 0.0011;
     const LENGTH_CM: f64 = 0.01;
-    // The paper computes with 3.14.
-    const PI: f64 = 314e-2;
+    // The authors' programs compute with these digits.
+    #[allow(clippy::approx_constant)]
+    const PI: f64 = 3.14;
     let volume = 1e3 * PI * RADIUS_CM * RADIUS_CM * LENGTH_CM;
     let membrane = 2.0 * (2.0 * PI * RADIUS_CM * RADIUS_CM + 2.0 * PI * RADIUS_CM * LENGTH_CM);
     [
