@@ -339,7 +339,7 @@ fn records_in_other_units_are_refused_until_they_are_accepted() {
     cardiotwin(folder.path(), &both).expect(3).complains_of(&[
         "aortic-mean-flow",
         "aortic-mean-pressure",
-        "2 errors",
+        "errors in the traces: 2",
     ]);
     let search = ["discover", "--afterload", "litres.csv", PRESSURE];
     let accepted = [
