@@ -37,7 +37,7 @@ class Predicted:
     p95: float
     """Upper end of the 90 % interval; NaN without a band."""
     known: str
-    """What is known of the change: `size`, `direction` or `neither`; empty where it was not compared with other hearts."""
+    """What is known of the change: `size`, `direction` or `neither`; empty where nothing was learnt."""
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,8 @@ class Twin(HelpfulAttributes):
         A quantity is one of `parameters`, as a value in its unit or as a share of the twin's value with its
         sign. For shares the unit may be left out of the name, and ``resistance`` is the peripheral one.
         ``beats`` fixes their number, in a ``closed`` circulation filling follows the change, ``in_3d`` simulates
-        the run's 3D ventricle, ``band`` adds intervals from the posterior. Raises `UsageError` for a quantity that cannot be changed, with the reason.
+        the run's 3D ventricle, ``band`` adds intervals from the posterior. Raises `UsageError` for a quantity that
+        cannot be changed, with the reason.
         """
         asked = full_names(_both(changes, quantities), self.parameters)
         if not asked:

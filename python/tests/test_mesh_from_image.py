@@ -245,5 +245,5 @@ def test_the_value_that_is_no_label_is_named(script, tmp_path):
     """A probability of a half among ones."""
     values = BALL.astype(np.float32)
     values[30, 30, 30] = 0.5
-    with pytest.raises(SystemExit, match="such as 0.5;"):
+    with pytest.raises(SystemExit, match=r"such as 0\.5;"):
         script.labels_in_mm(made(tmp_path, values))
