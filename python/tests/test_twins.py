@@ -92,7 +92,7 @@ def test_changes_are_refused_with_the_reason(twin: cardiotwin.Twin) -> None:
         ({"resistance": 0.8}, r"needs its unit, peripheral_resistance_mmHg_s_per_mL=0.8"),
         ({"resistence": "-20 %"}, r"resistence: did you mean resistance"),
         ({"P_max_mmHg": 100}, "is a result of the beat"),
-        ({"heart_rate": "+10 %"}, "pacing is set by `cycle_length_ms`"),
+        ({"heart_rate": "+10 %"}, "say it by `cycle_length_ms`"),
         ({"compliance": "10 %"}, "has no sign"),
         ({}, "name what changes"),
     ):
