@@ -13,7 +13,7 @@ use cardiotwin_schemas::organ::{
     ActivationSpec, CellStretch, OneFibrePassive, OrganSpec, StretchOrigin,
 };
 use cardiotwin_schemas::organ_law::{LawFile, LawKnowledge, LawSamples};
-use cardiotwin_schemas::settings::ActivationSettings;
+use cardiotwin_schemas::settings::{ActivationSettings, SolverSettings};
 use cardiotwin_schemas::task::{InputFile, OrganBeatSpec};
 use cardiotwin_units::{Ml, Mmhg};
 
@@ -33,6 +33,30 @@ const CELL_SOLVER: CellSolverSettings = CellSolverSettings {
     max_beats: 60,
     max_steps_per_beat: 20_000,
 };
+
+/// The beat without the budget of a finite-element ventricle, which does not apply to a reduced one.
+pub(crate) fn with_reduced_budget(beat: &OrganBeatSpec) -> OrganBeatSpec {
+    let SolverSettings {
+        newton_iterations,
+        shortest_step_ms,
+        ..
+    } = SolverSettings::default();
+    OrganBeatSpec {
+        newton_iterations,
+        shortest_step_ms,
+        finite_element: None,
+        ..beat.clone()
+    }
+}
+
+/// The beat as a search simulates it: the budget for a finite-element ventricle's steps says nothing
+/// about those of its law.
+pub(crate) fn searched(beat: &OrganBeatSpec) -> OrganBeatSpec {
+    match beat.organ {
+        OrganSpec::FiniteElement(_) => with_reduced_budget(beat),
+        OrganSpec::Reduced { .. } | OrganSpec::External(_) => beat.clone(),
+    }
+}
 
 /// The one-fibre ventricle of the organ, or the one with a finite-element ventricle's volumes,
 /// pressure and activation.

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use cardiotwin_engine::{ElementCost, JobCosts, JobUsage, Reader, usage_of};
-use cardiotwin_report::table::{Column, Digits, Kind, Table, cells};
+use cardiotwin_report::table::{Cell, Column, Digits, Kind, Table, cells};
 use cardiotwin_schemas::formats;
 use cardiotwin_schemas::status::JobState;
 use clap::Args;
@@ -109,12 +109,6 @@ fn cost_columns(costs: &JobCosts) -> [Column; 6] {
     ]
 }
 
-fn energy_kwh(usage: Option<&JobUsage>) -> Option<f64> {
-    usage
-        .and_then(|used| used.energy_j)
-        .map(|j| j / JOULES_PER_KWH)
-}
-
 fn by_job(costs: &JobCosts, usage: &HashMap<String, JobUsage>) -> Table {
     let mut columns = vec![
         Column::words("job"),
@@ -125,37 +119,23 @@ fn by_job(costs: &JobCosts, usage: &HashMap<String, JobUsage>) -> Table {
     ];
     columns.extend(cost_columns(costs));
     let mut table = Table::new("jobs", "", columns);
+    let whole = |elements: &[ElementCost]| {
+        Sum::of(elements.iter().map(|one| (one, 1.0)), usage).cells(costs)
+    };
     for one in &costs.elements {
-        let used = usage.get(&one.id);
-        let node_hours = one.node_hours();
-        table.rows.push(cells![
+        let mut row = cells![
             one.id.as_str(),
             one.queue.as_str(),
             one.state.as_str(),
             one.nodes,
-            one.patients.join(" "),
-            one.waited_s,
-            one.ran_s,
-            node_hours,
-            node_hours * costs.charge_per_node_hour,
-            used.and_then(JobUsage::efficiency),
-            energy_kwh(used)
-        ]);
+            one.patients.join(" ")
+        ];
+        row.extend(whole(std::slice::from_ref(one)));
+        table.rows.push(row);
     }
-    let all = Sum::of(costs.elements.iter().map(|one| (one, 1.0)), usage);
-    table.foot = vec![cells![
-        "all",
-        "",
-        "",
-        "",
-        "",
-        all.waited_s,
-        all.ran_s,
-        all.node_hours,
-        all.node_hours * costs.charge_per_node_hour,
-        all.used.and_then(|used| used.efficiency()),
-        energy_kwh(all.used.as_ref())
-    ]];
+    let mut all = cells!["all", "", "", "", ""];
+    all.extend(whole(&costs.elements));
+    table.foot = vec![all];
     without_energy(table)
 }
 
@@ -179,17 +159,9 @@ fn by_patient(costs: &JobCosts, usage: &HashMap<String, JobUsage>) -> Table {
         let running = elements
             .iter()
             .filter(|(one, _)| one.state == JobState::Running);
-        table.rows.push(cells![
-            patient,
-            elements.len(),
-            running.count(),
-            sum.waited_s,
-            sum.ran_s,
-            sum.node_hours,
-            sum.node_hours * costs.charge_per_node_hour,
-            sum.used.and_then(|used| used.efficiency()),
-            energy_kwh(sum.used.as_ref())
-        ]);
+        let mut row = cells![patient, elements.len(), running.count()];
+        row.extend(sum.cells(costs));
+        table.rows.push(row);
     }
     without_energy(table)
 }
@@ -229,6 +201,19 @@ impl Sum {
                 .sum(),
             used: used.reduce(|all, one| all.and(&one)),
         }
+    }
+
+    /// Cells of [`cost_columns`].
+    fn cells(&self, costs: &JobCosts) -> Vec<Cell> {
+        let energy_j = self.used.and_then(|used| used.energy_j);
+        cells![
+            self.waited_s,
+            self.ran_s,
+            self.node_hours,
+            self.node_hours * costs.charge_per_node_hour,
+            self.used.and_then(|used| used.efficiency()),
+            energy_j.map(|j| j / JOULES_PER_KWH)
+        ]
     }
 }
 

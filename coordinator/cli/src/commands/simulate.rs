@@ -116,10 +116,6 @@ fn close(spec: &mut OrganBeatSpec, passive: &PassiveStateResult) -> Result<(), C
     Ok(())
 }
 
-fn is_finite_element(organ: &OrganSpec) -> bool {
-    matches!(organ, OrganSpec::FiniteElement(_))
-}
-
 /// Origin of the simulated parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
@@ -209,10 +205,9 @@ pub async fn execute(args: &SimulateArgs, talk: &Talk) -> Result<Exit, CliError>
         close(&mut spec, &ventricle.passive)?;
     }
     let mut spec = with_parameters(spec, &parameters).map_err(CliError::Usage)?;
-    if let (Some(_), Some(law)) = (
-        &spec.circulation.closed,
-        LawKnowledgeFile::of(&ventricle)?.filter(|_| is_finite_element(&spec.organ)),
-    ) {
+    let searches_in_law =
+        spec.circulation.closed.is_some() && matches!(spec.organ, OrganSpec::FiniteElement(_));
+    if searches_in_law && let Some(law) = LawKnowledgeFile::of(&ventricle)? {
         let in_law = Ventricles::only(LawKnowledgeFile::asked(Some(&law)), &worker);
         spec = beginning_at(&spec, &in_law.periodic_state(&spec)?);
     }

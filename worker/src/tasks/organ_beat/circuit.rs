@@ -19,7 +19,7 @@ use cardiotwin_units::{Ml, Mmhg, Ms};
 use super::models::{ReducedOrgan, reduced, settings};
 use super::result::Seen;
 use crate::error::TaskError;
-use crate::tasks::surrogate::surrogate;
+use crate::tasks::surrogate::{searched, surrogate};
 
 /// Largest change over a beat (mL, mmHg, mL/s, kPa), and largest distance from the filling's target (mL
 /// or mmHg), at which a search ends: well below the change that counts as periodic, since volumes of a
@@ -90,7 +90,7 @@ pub(super) fn loop_state(
 /// - `cavity`: volume of the 3D ventricle at the beginning
 ///
 /// # Errors
-/// [`TaskError`] for contents of another loop, and when no periodic beat is found.
+/// [`TaskError`] for contents of another loop, and when the search has a step without a solution.
 pub(super) fn fill(
     spec: &OrganBeatSpec,
     cavity: Ml,
@@ -104,10 +104,7 @@ pub(super) fn fill(
         (None, Some(filling)) => {
             // The law of the prior, since beats of the organ are not part of the specification.
             let organ = surrogate(spec, Some(&[]), None)?;
-            let spec = OrganBeatSpec {
-                finite_element: None,
-                ..spec.clone()
-            };
+            let spec = searched(spec);
             let settings = settings(&spec);
             let search = PeriodicSettings {
                 limit: SEARCHED_BEATS,

@@ -11,8 +11,7 @@ use super::summary::Seen;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
 use crate::tasks::proposal::axes::{Axis, axes, named, point, tolerated};
-use crate::tasks::proposal::searched;
-use crate::tasks::surrogate::surrogate;
+use crate::tasks::surrogate::{searched, surrogate};
 
 /// Shortest time step of the one-fibre ventricle, as in step 3's searches.
 const TIME_STEP_MS: f64 = 2.0;

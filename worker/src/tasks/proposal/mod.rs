@@ -12,14 +12,13 @@ use cardiotwin_schemas::biomarkers::Biomarkers;
 use cardiotwin_schemas::organ::OrganSpec;
 use cardiotwin_schemas::organ_law::{LawKnowledge, LawSamples};
 use cardiotwin_schemas::outcome::{Ending, OrganBeatResult};
-use cardiotwin_schemas::settings::SolverSettings;
 use cardiotwin_schemas::task::{OrganBeatSpec, TaskSpec};
 use std::collections::BTreeMap;
 
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{ReducedOrgan, run_reduced};
-use crate::tasks::surrogate::{known_surrogate, one_fibre};
+use crate::tasks::surrogate::{known_surrogate, one_fibre, with_reduced_budget};
 
 /// Replaces the organ of a beat by the one-fibre ventricle; other tasks are returned unchanged.
 ///
@@ -43,30 +42,6 @@ pub fn in_one_fibre(task: TaskSpec) -> Result<TaskSpec, TaskError> {
         ..with_reduced_budget(&beat)
     };
     Ok(TaskSpec::OrganBeat(Box::new(beat)))
-}
-
-/// The beat without the budget of a finite-element ventricle, which does not apply to a reduced one.
-fn with_reduced_budget(beat: &OrganBeatSpec) -> OrganBeatSpec {
-    let SolverSettings {
-        newton_iterations,
-        shortest_step_ms,
-        ..
-    } = SolverSettings::default();
-    OrganBeatSpec {
-        newton_iterations,
-        shortest_step_ms,
-        finite_element: None,
-        ..beat.clone()
-    }
-}
-
-/// The beat as a search simulates it: the budget for a finite-element ventricle's steps says nothing
-/// about those of its law.
-pub(crate) fn searched(beat: &OrganBeatSpec) -> OrganBeatSpec {
-    match beat.organ {
-        OrganSpec::FiniteElement(_) => with_reduced_budget(beat),
-        OrganSpec::Reduced { .. } | OrganSpec::External(_) => beat.clone(),
-    }
 }
 
 /// Simulates a beat in its organ's law.

@@ -10,11 +10,11 @@ use cardiotwin_schemas::settings::Step1Settings;
 use cardiotwin_schemas::task::{OrganBeatSpec, Step1ProposalSpec};
 
 use super::learned::learned_law;
-use super::{factors, law_beats, outcome, searched, told};
+use super::{factors, law_beats, outcome, told};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{reduced, reduced_beat};
-use crate::tasks::surrogate::surrogate;
+use crate::tasks::surrogate::{searched, surrogate};
 
 /// Expected ratios of the simulated organ's biomarkers to those of the one-fibre ventricle before
 /// any simulation: both are equal.

@@ -15,11 +15,11 @@ use cardiotwin_schemas::task::{OrganBeatSpec, Step1Beat, Step3ProposalSpec, Step
 
 use super::axes::{axes, is_sensitive, named, point, tolerated};
 use super::learned::learned_law;
-use super::{factors, law_beats, outcome, searched, told};
+use super::{factors, law_beats, outcome, told};
 use crate::context::Context;
 use crate::error::TaskError;
 use crate::tasks::organ_beat::{ReducedOrgan, reduced, reduced_beat};
-use crate::tasks::surrogate::surrogate;
+use crate::tasks::surrogate::{searched, surrogate};
 
 /// The organ's factors are known at the beats so far only. Among cells with similar costs, the nearest
 /// one to the best beat is therefore the safest. The share of the doubt was chosen on ten development
